@@ -40,7 +40,8 @@ from agents.learning.curves import read_curve, write_curve
 from agents.learning.export import export_onnx
 from agents.learning.settings import read_training
 from agents.learning.weights import _digest, save_weights
-from agents.people.session import read_protocol
+from agents.people.chain import Chain, read_chain
+from agents.people.folder import current_protocol, read_protocol
 from agents.policies import make_policy
 from agents.policies.sb3 import _algorithm
 from agents.studies.thesis import problem_of
@@ -370,6 +371,19 @@ def _protocol(folder: Path) -> Path:
     return _written(folder / "protocol.json", content)
 
 
+def _amendment(folder: Path) -> Path:
+    protocol = read_json(_protocol(folder))
+    return _written(folder / "amendment_001.json", {"at": "", "changed": [], "protocol": protocol})
+
+
+def _chain(folder: Path) -> Path:
+    chain = Chain(folder / "steps.jsonl")
+    for text in ("a", "b"):
+        chain.append("note", text=text)
+    chain.close()
+    return chain.path
+
+
 # ---- results
 
 
@@ -634,7 +648,11 @@ READERS: dict[str, Reader] = {
         _shipped("planners.json"), lambda path: _use_each(path, PLANNERS, make_planner),
         ("cli.arguments.spec",),
     ),
-    "protocol": Reader(_protocol, read_protocol, ("people.session.read_protocol",)),
+    "protocol": Reader(_protocol, read_protocol, ("people.folder.read_protocol",)),
+    "amendment": Reader(
+        _amendment, lambda path: current_protocol(path.parent), ("people.folder.current_protocol",)
+    ),
+    "records of a participant": Reader(_chain, read_chain, ("people.chain.read_chain",)),
     "training settings": Reader(
         _shipped("ppo_guided.json"),
         lambda path: read_training(read_json(path), path.name, "ppo"),

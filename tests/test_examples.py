@@ -21,7 +21,7 @@ EXAMPLES = {
     "own_robot": (["--steps", "32", "--episodes", "1"], "arrives in 100%"),
     "own_scene": ([], "arrived: True"),
     "outline_plan": ([], "without whales"),
-    "participants": (["--out", "{folder}"], "slide - stop"),
+    "participants": (["--out", "{folder}", "--people", "2"], "shared - no help"),
     "people": (["--seconds", "5"], "has a trolley"),
     "pixel_observations": (["--steps", "32", "--episodes", "1"], "(3, 84, 84)"),
     "ppo_in_one_file": (["2"], "update 1: reward a step"),

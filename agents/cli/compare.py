@@ -170,10 +170,10 @@ def participants(given: argparse.Namespace) -> int:
     """Compare the conditions of an experiment with participants."""
     from agents.people.report import write_report
 
-    tables, page = write_report(given.folder)
+    tables, page = write_report(given.folder, given.bom)
     rows = {table.caption: [[cell.text for cell in row] for group in table.groups for row in group]
             for table in tables}  # fmt: skip
-    text = "\n\n".join(f"{table.caption}\n{table.text()}" for table in tables)
+    text = "\n\n".join(f"{one.caption}\n{one.text()}\n{one.note}".rstrip() for one in tables)
     report(given, rows, f"{text}\n\n{page}")
     return 0
 

@@ -44,6 +44,7 @@ PARTS = {
     "protocol": "agents.people.protocol:Protocol",
     "condition": "agents.people.protocol:Condition",
     "participants_task": "agents.people.protocol:Task",
+    "participants_group": "agents.people.protocol:Group",
     "questionnaire": "agents.people.protocol:Questionnaire",
     "cost_to_go": "wheelchair_gym.maps.cost_to_go:CostToGoSettings",
 }

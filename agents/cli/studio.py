@@ -8,6 +8,7 @@ from pathlib import Path
 from agents.cli.arguments import map_scenes
 from agents.studio import check_extra
 from agents.studio.warm_up import WarmUp
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs.settings import env_settings
 
 
@@ -24,11 +25,12 @@ def studio(given: argparse.Namespace) -> int:
     env_settings(None, model=given.model)  # refuses what is wrong
     folder, study = Path(given.out), None
     if given.study is not None:
-        from agents.people.session import claim, read_protocol
+        from agents.people.folder import read_protocol
 
         study = read_protocol(given.study)
         folder /= Path(given.study).stem
-        claim(folder, study)
+    elif given.participant:
+        raise InputError("--participant needs --study FILE")
     warm_up = WarmUp()
     warm_up.start()  # while the server is loaded
     try:
@@ -37,7 +39,9 @@ def studio(given: argparse.Namespace) -> int:
 
         access = Access(lan=given.lan)
         runs = Path(given.runs)
-        serve(Studio(folder, own_map, access, study, runs, warm_up, given.model), given.port)
+        locked = given.participant
+        made = Studio(folder, own_map, access, study, runs, warm_up, given.model, locked)
+        serve(made, given.port)
     finally:
         warm_up.close()
     return 0

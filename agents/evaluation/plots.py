@@ -116,6 +116,26 @@ def legend_above(figure: Figure, axes: Axes) -> None:
     figure.legend(handles, labels, loc="outside upper left", ncols=columns)
 
 
+def paired(title: str, values: Mapping[str, Mapping[int, float]]) -> bytes:
+    """Draw each participant as a line over conditions, and the mean of all, as SVG.
+
+    Args:
+        title: measure with its unit.
+        values: by condition: by participant.
+    """
+    names = [name.replace("$", r"\$") for name in values]
+    with mpl.rc_context(LOOK):
+        figure, axes = new_axes(2.6)
+        for who in sorted({who for of in values.values() for who in of}):
+            each = [of.get(who, np.nan) for of in values.values()]
+            axes.plot(names, each, "o-", color="#8a9299", linewidth=0.8, markersize=3)
+        means = [float(np.mean([*of.values()])) if of else np.nan for of in values.values()]
+        axes.plot(names, means, "s-", color=COLOURS[0], linewidth=2.0, label="mean")
+        axes.set(ylabel=title.replace("$", r"\$"))
+        legend_above(figure, axes)
+        return as_svg(figure)
+
+
 def _success(policies: Sequence[str], scenes: Sequence[str], summary: Sequence[Record]) -> Figure:
     places = ["all", *scenes] if len(scenes) > 1 else list(scenes)
     found = {(row["policy"], row["scene"]): row for row in summary}

@@ -55,7 +55,7 @@ LEVEL = 0.05  # of a test
 FEWEST = 6  # pairs: with fewer, the paired test cannot be significant at that level
 RANKING_NOTE = (
     "Success. Bold: the most on that scene, or not significantly less in these episodes "
-    f"(McNemar's exact paired test, {LEVEL:g}, each pair of policies by itself)."
+    f"(McNemar's exact paired test, {LEVEL:g}, each pair by itself)."
 )
 # Bytes that are embedded; larger files are linked, so that the page stays quick to open.
 _LARGEST_VIDEO = 3e6
@@ -67,9 +67,33 @@ _LEGEND = (
 
 
 def ranked(summary: Sequence[Record], scene: str = "all") -> list[Record]:
-    """The rows of a scene: best first, by success, then by SPL."""
+    """The rows of a scene: by contacts, then by success, then by SPL."""
     rows = [row for row in summary if row["scene"] == scene]
-    return sorted(rows, key=lambda row: (-(row["success"] or 0.0), -(row["spl"] or 0.0)))
+    return sorted(
+        rows,
+        key=lambda row: (row["collision"] or 0.0, -(row["success"] or 0.0), -(row["spl"] or 0.0)),
+    )
+
+
+def best_of(rows: Sequence[Record]) -> Record | None:
+    """The first of ranked rows where intervals tell it from all others; None where they do not.
+
+    It has fewer contacts than another, or more successes where the intervals of contacts overlap.
+    """
+
+    def is_ahead(row: Record, other: Record) -> bool:
+        fewer = bool(row["collision_high"] < other["collision_low"])
+        level = row["collision_low"] <= other["collision_high"]
+        return fewer or bool(level and row["success_low"] > other["success_high"])
+
+    return rows[0] if rows and all(is_ahead(rows[0], other) for other in rows[1:]) else None
+
+
+def heads(evaluation: Evaluation) -> tuple[Column, Column]:
+    """Columns of what is compared and where: of assistants and drivers, where a person drives."""
+    if any("authority" in row for row in evaluation["summary"]):
+        return POLICY._replace(name="assistant"), SCENE._replace(name="scene, driver")
+    return POLICY, SCENE
 
 
 def level_with(successes: Mapping[int, bool], others: Mapping[int, bool]) -> bool:
@@ -80,10 +104,11 @@ def level_with(successes: Mapping[int, bool], others: Mapping[int, bool]) -> boo
 
 
 def winners(evaluation: Evaluation) -> dict[str, list[str]]:
-    """Scene -> the policies that win there, the best one first; none where no policy succeeds."""
+    """Scene -> the policies with most successes, or not significantly less; none without any."""
     found = {}
     for scene in evaluation["scenes"]:
         rows = ranked(evaluation["summary"], scene)
+        rows.sort(key=lambda row: -(row["success"] or 0.0))
         of: dict[str, dict[int, bool]] = {row["policy"]: {} for row in rows}
         for record in evaluation["records"]:
             if record["scene"] == scene:
@@ -110,11 +135,11 @@ def ranking_table(evaluation: Evaluation) -> Table | None:
             cells.append(SUCCESS.cell(rows[policy, scene])._replace(bold=policy in names))
         body.append(cells)
     columns = [SUCCESS._replace(name=scene, unit="%", meaning="success") for scene in winning]
-    return Table("Who wins where", [POLICY, *columns], [body], RANKING_NOTE)
+    return Table("Who wins where", [heads(evaluation)[0], *columns], [body], RANKING_NOTE)
 
 
 def who_wins_where(evaluation: Evaluation) -> str:
-    """One sentence: the winner of each scene with counts, and the successes of each kind of policy.
+    """One sentence: the best of each scene, and the successes of each kind of policy.
 
     Empty for a single policy.
     """
@@ -122,20 +147,22 @@ def who_wins_where(evaluation: Evaluation) -> str:
     if len(evaluation["policies"]) < 2 or not records:
         return ""
 
-    def hits(policies: Sequence[str], scene: str | None = None) -> str:
-        of = [r for r in records if r["policy"] in policies and scene in (None, r["scene"])]
+    def hits(policies: Sequence[str]) -> str:
+        of = [record for record in records if record["policy"] in policies]
         return f"{sum(record['success'] for record in of)} of {len(of)}"
 
-    parts = []
-    for scene in evaluation["scenes"]:
-        best, *others = ranked(evaluation["summary"], scene)
-        level = sum(row["success"] == best["success"] for row in others)
-        more = f", level with {level} more" if level else ""
-        parts.append(f"{best['policy']} on {scene} ({hits([best['policy']], scene)}{more})")
+    bests = {scene: best_of(ranked(evaluation["summary"], scene)) for scene in evaluation["scenes"]}
+    parts = [
+        f"{best['policy']} on {scene} ({COLUMN_OF['collision'].text(best['collision'])} % "
+        f"contacts, {SUCCESS.text(best['success'])} % success)"
+        for scene, best in bests.items() if best is not None
+    ]  # fmt: skip
+    if missing := [scene for scene, best in bests.items() if best is None]:
+        parts.append(f"none on {' or '.join(missing)}, where 95 % intervals overlap")
     for kind in ("planned", "learned"):
         if names := [name for name in evaluation["policies"] if kinds.get(name) == kind]:
             parts.append(f"all {kind} policies {hits(names)}")
-    return f"Winners by success, then by SPL: {', '.join(parts)}."
+    return f"Best {heads(evaluation)[0].name} by contacts, then by success: {', '.join(parts)}."
 
 
 def _more_columns(summary: Sequence[Record]) -> dict[str, tuple[Column, ...]]:
@@ -162,7 +189,7 @@ def markdown(evaluation: Evaluation) -> str:
         "Shares carry their 95 % Wilson interval.",
         who_wins_where(evaluation),
         table.markdown() if table else "",
-        make_table("", [POLICY, SCENE, *COLUMNS, *more], [rows]).markdown(),
+        make_table("", [*heads(evaluation), *COLUMNS, *more], [rows]).markdown(),
     ]  # fmt: skip
     return "\n\n".join(part.rstrip("\n") for part in parts if part) + "\n"
 
@@ -183,7 +210,7 @@ def terminal_table(evaluation: Evaluation, keys: Sequence[str] = BRIEF) -> str:
     rows = [*ranked(summary), *(row for row in summary if row["scene"] != "all")]
     if len(evaluation["scenes"]) == 1:
         rows = ranked(summary)
-    return make_table("", [POLICY, SCENE, *chosen], [rows]).text()
+    return make_table("", [*heads(evaluation), *chosen], [rows]).text()
 
 
 def write_report(evaluation: Evaluation, folder: str | Path) -> Path:
@@ -207,13 +234,14 @@ def write_report(evaluation: Evaluation, folder: str | Path) -> Path:
     best, more = ranked(evaluation["summary"]), _more_columns(evaluation["summary"])
     parts = (*PARTS, *more.items())
     scenes, several = evaluation["scenes"], len(evaluation["scenes"]) > 1
-    caption = f"{'All scenes, best' if several else 'Best'} first"
-    tables = [make_table(caption + what, [POLICY, *part], [best]) for what, part in parts]
+    policy, scene = heads(evaluation)
+    caption = "All scenes, fewest contacts first" if several else "Fewest contacts first"
+    tables = [make_table(caption + what, [policy, *part], [best]) for what, part in parts]
     tables += filter(None, [ranking_table(evaluation)])
     if several:
-        groups = [ranked(evaluation["summary"], scene) for scene in scenes]
+        groups = [ranked(evaluation["summary"], name) for name in scenes]
         tables += [
-            make_table(f"By scene, best first{what}", [POLICY, SCENE, *part], groups)
+            make_table(f"By scene, fewest contacts first{what}", [policy, scene, *part], groups)
             for what, part in parts
         ]
     some = bool(best and evaluation["records"])
@@ -222,7 +250,8 @@ def write_report(evaluation: Evaluation, folder: str | Path) -> Path:
     return write_page(
         folder / "report.html", "evaluation.html", title=evaluation["title"], source=evaluation,
         best=best[0] if some else None, second=best[1] if some and len(best) > 1 else None,
-        comparison=who_wins_where(evaluation), success=SUCCESS,
+        comparison=who_wins_where(evaluation), success=SUCCESS, policy=policy.name,
+        collision=COLUMN_OF["collision"], is_best=best_of(best) is not None,
         columns=(*COLUMNS, *chain(*more.values())),
         ended=Counter(record["outcome"] for record in of), tables=tables,
         figures=drawn, video=_video(evaluation["video"], folder), legend=_LEGEND,

@@ -129,6 +129,20 @@ def median_interval(values: Array) -> tuple[float, float, float]:
     return float(np.median(ordered)), float(low), float(high)
 
 
+def effect_size(values: Array) -> dict[str, float]:
+    """Return Cohen's d of differences with its 95 % interval: mean over standard deviation.
+
+    The interval is that of the noncentral t distribution (Cumming and Finch 2001); NaN of fewer
+    than two values, or of equal ones. Keys: d, d_low, d_high.
+    """
+    n, spread = len(values), float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
+    if spread == 0.0:
+        return dict.fromkeys(("d", "d_low", "d_high"), math.nan)
+    d, root = float(np.mean(values)) / spread, math.sqrt(n)
+    low, high = (float(scipy.special.nctdtrinc(n - 1, p, d * root)) for p in (0.975, 0.025))
+    return {"d": d, "d_low": low / root, "d_high": high / root}
+
+
 def wilcoxon_p(values: Array, alternative: str = "two-sided") -> float:
     """Return the p-value of Wilcoxon's signed-rank test of differences; 1 where all are 0."""
     if not np.any(values):

@@ -5,7 +5,7 @@ is asked for. None knows the person's goal. What they ask for passes the shield 
 there is one: two safe twists may blend into an unsafe one. `stick` reads the stick of a living
 person, `drive` lets them drive a chair, `replay` asks another assistant about a recorded drive, and
 `fit_driver` makes a simulated person like them. `protocol` is the plan of an experiment with
-participants, `session` runs it, and `report` compares its conditions.
+participants, `session` runs it, `folder` keeps it, and `report` compares its conditions.
 """
 
 from __future__ import annotations

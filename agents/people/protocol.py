@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, Literal, NamedTuple
 
+import numpy as np
+
 from agents.evaluation.evaluate import without_labels
 from agents.people import make_assistant
 from wheelchair_gym.base.errors import shorten
@@ -16,6 +18,8 @@ _OWN = "the experimenter's choice"
 Device = Literal["keyboard", "gamepad", "touch", "switch"]
 DEVICES: tuple[Device, ...] = ("keyboard", "gamepad", "touch", "switch")
 MIN_SCAN = 0.3  # s for which a command must be lit, so that a person can press
+_GROUPS, _CONDITIONS, _TASKS, _WORLDS = range(4)  # what is drawn by the seed of a protocol
+_ATTEMPTS = 1000  # at one drive, each with a world of its own
 _HIDDEN = ("left", "right", "neglect", "noticed")  # of a perception
 
 
@@ -27,8 +31,8 @@ class Task:
     """Name of the task; part of the names of recordings."""
     scene: Any = setting(default="floor_plan", source=_OWN)
     """A scene: its name, or a mapping with its settings."""
-    seed: int = setting(default=0, low=0, source=_OWN)
-    """Seed of the episode: start, goal and people are the same for all."""
+    seed: int | None = setting(default=None, low=0, source=_OWN)
+    """Seed of one world for every condition; null: another world in each condition and attempt."""
     text: str = setting(default="", source=_OWN)
     """Instruction that the participant reads."""
 
@@ -56,6 +60,16 @@ class Condition:
                 raise InputError(
                     f"perception.{name} is the participant's own; expected {', '.join(_HIDDEN)}"
                 )
+
+
+@settings
+class Group:
+    """A group of participants, who drive in some of the conditions."""
+
+    name: str
+    """Name in tables."""
+    conditions: tuple[str, ...]
+    """Names of the conditions that the participants of this group have."""
 
 
 @settings
@@ -87,14 +101,7 @@ class Item(NamedTuple):
 
 
 NASA_TLX = "nasa_tlx"
-_TLX = (
-    ("mental", "How mentally demanding was the task?"),
-    ("physical", "How physically demanding was the task?"),
-    ("temporal", "How hurried or rushed was the pace of the task?"),
-    ("performance", "How successful were you in accomplishing what you were asked to do?"),
-    ("effort", "How hard did you have to work to accomplish your level of performance?"),
-    ("frustration", "How insecure, discouraged, irritated, stressed and annoyed were you?"),
-)
+_TLX = ("mental", "physical", "temporal", "performance", "effort", "frustration")
 _TLX_VALUES = range(0, 101, 5)
 
 
@@ -110,14 +117,24 @@ class Step(NamedTuple):
     questionnaire: str = ""
 
 
+def williams(n: int) -> list[list[int]]:
+    """Return the rows of a Latin square in which each number follows each other equally often.
+
+    It has n rows for an even n and 2 n for an odd one (Williams 1949).
+    """
+    # 0, 1, n - 1, 2, n - 2, ...: neighbours differ by every number once.
+    zigzag = [(k + 1) // 2 if k % 2 else (n - k // 2) % n for k in range(n)]
+    rows = [[(place + row) % n for place in zigzag] for row in range(n)]
+    return rows if n % 2 == 0 else rows + [row[::-1] for row in rows]
+
+
 @settings
 class Protocol:
-    """An experiment within subjects: every participant drives every task in every condition.
+    """An experiment within subjects, also between groups of them.
 
-    NASA-TLX is the raw version, without weighing (Hart 2006, NASA-TLX 20 years later). A balanced
-    order is a Latin square in which each condition follows each other one equally often (Williams
-    1949): complete after n participants for an even number n of conditions, and after 2 n for an
-    odd one.
+    NASA-TLX is the raw version, without weighing (Hart 2006, NASA-TLX 20 years later). Balanced
+    orders are rows of a Latin square (Williams 1949), which `seed` shuffles: complete after n
+    participants of a group for an even number n of conditions, and after 2 n for an odd one.
     """
 
     title: str
@@ -130,8 +147,28 @@ class Protocol:
     """Drives that every participant makes in every condition."""
     practice: tuple[Task, ...] = ()
     """Drives before the tasks of each condition, which are not evaluated."""
+    practice_until: Literal["driven", "arrived"] = "driven"
+    """Criterion of a practice drive: driven to its end, or arrived without contact."""
+    practice_tries: int = setting(default=3, low=1, high=100, source=_OWN)
+    """Max. number of attempts at a practice drive whose criterion is not met."""
+    tries: int = setting(default=1, low=1, high=100, source=_OWN)
+    """Max. number of attempts at a task that the participant ends before its goal."""
+    max_contacts: int = setting(default=0, low=0, source=_OWN)
+    """Number of drives ended by a contact after which the session is stopped; 0: never."""
+    max_minutes: float = setting(default=0.0, unit="min", low=0.0, source=_OWN)
+    """Driving time of all attempts after which the session is stopped; 0: never."""
+    seed: int = setting(default=0, low=0, source=_OWN)
+    """Seed of the orders and worlds of all participants."""
     order: Literal["balanced", "listed"] = "balanced"
     """Order of conditions: balanced over participants, or as listed for everybody."""
+    task_order: Literal["balanced", "listed"] = "balanced"
+    """Order of the tasks in each condition: balanced over participants, or as listed."""
+    groups: tuple[Group, ...] = ()
+    """Groups of participants; none: every participant has all conditions."""
+    blind: bool = True
+    """Whether the page hides condition texts, and readings and arrows of shield and help."""
+    language: Literal["en", "es"] = "en"
+    """Language of the page for every participant."""
     nasa_tlx: bool = True
     """Whether the NASA-TLX is asked after each condition."""
     questionnaires: tuple[Questionnaire, ...] = ()
@@ -149,7 +186,7 @@ class Protocol:
                 raise InputError(f"Protocol.{key} is empty; expected text")
         kinds: dict[str, tuple[Any, ...]] = {
             "conditions": self.conditions, "tasks": self.practice + self.tasks,
-            "questionnaires": self.questionnaires,
+            "questionnaires": self.questionnaires, "groups": self.groups,
         }  # fmt: skip
         used = {NASA_TLX, "consent"}  # names in the keys of steps
         for key, entries in kinds.items():
@@ -169,29 +206,47 @@ class Protocol:
         for asked in self.questionnaires:
             if not asked.statements:
                 raise InputError(f"questionnaire {asked.name}: expected at least one statement")
+        known = [condition.name for condition in self.conditions]
+        for group in self.groups:
+            named = group.conditions
+            if not named or len(set(named)) < len(named) or not set(named) <= set(known):
+                raise InputError(f"group {group.name}: expected some of {', '.join(known)}")
         # Not only when a participant comes to them.
         for condition in self.conditions:
             make_assistant(condition.assist)
         for task in (*self.practice, *self.tasks):
             make_scene(without_labels(task.scene))
 
+    def group_of(self, participant: int) -> Group | None:
+        """Return the group of a participant (a number from 1); None without groups."""
+        if not self.groups:
+            return None
+        block, k = divmod(participant - 1, len(self.groups))
+        shuffled = np.random.default_rng([self.seed, _GROUPS, block]).permutation(len(self.groups))
+        return self.groups[int(shuffled[k])]
+
+    def _row(self, participant: int, n: int, *of: int) -> list[int]:
+        """Return a balanced order of n things: each block of participants has a whole square."""
+        rows = williams(n)
+        block, k = divmod((participant - 1) // max(1, len(self.groups)), len(rows))
+        return rows[np.random.default_rng([self.seed, *of, block]).permutation(len(rows))[k]]
+
     def conditions_of(self, participant: int) -> tuple[Condition, ...]:
         """Return the conditions in the order of a participant (a number from 1)."""
-        n = len(self.conditions)
-        if self.order == "listed":
-            return self.conditions
-        row = (participant - 1) % (n if n % 2 == 0 else 2 * n)
-        # 0, 1, n - 1, 2, n - 2, ...: neighbours differ by every number once.
-        zigzag = [(k + 1) // 2 if k % 2 else (n - k // 2) % n for k in range(n)]
-        places = [(place + row) % n for place in zigzag]
-        return tuple(self.conditions[k] for k in (places if row < n else reversed(places)))
+        group = self.group_of(participant)
+        mine = [one for one in self.conditions if group is None or one.name in group.conditions]
+        row = self._row(participant, len(mine), _CONDITIONS)
+        return tuple(mine) if self.order == "listed" else tuple(mine[k] for k in row)
 
     def steps(self, participant: int) -> Iterator[Step]:
         """Yield everything that a participant (a number from 1) does, in order."""
         yield Step("consent", "consent")
         for position, condition in enumerate(self.conditions_of(participant), 1):
             name = condition.name
-            for practice, tasks in ((True, self.practice), (False, self.tasks)):
+            row = self._row(participant, len(self.tasks), _TASKS, position)
+            listed = self.task_order == "listed"
+            ordered = self.tasks if listed else tuple(self.tasks[k] for k in row)
+            for practice, tasks in ((True, self.practice), (False, ordered)):
                 for task in tasks:
                     key = f"{name}/{task.name}"
                     yield Step(key, "drive", name, position, task.name, practice)
@@ -200,17 +255,33 @@ class Protocol:
         for asked in self._asked("experiment"):
             yield Step(asked, "answers", questionnaire=asked)
 
+    def world(self, participant: int, step: Step, attempt: int) -> int:
+        """Return the seed of the world of a drive; `attempt` counts from 1.
+
+        Without a seed of its task, a participant drives in no world twice. The worlds of a task are
+        the same for all participants, in a balanced order.
+        """
+        tasks = (*self.practice, *self.tasks)
+        number = [task.name for task in tasks].index(step.task)
+        seed = tasks[number].seed
+        if seed is not None:
+            return seed
+        n = len(self.conditions_of(participant))
+        place = self._row(participant, n, _WORLDS, number)[step.position - 1]
+        first = int(np.random.default_rng([self.seed, _WORLDS]).integers(2**30))
+        return first + _ATTEMPTS * (number * len(self.conditions) + place) + attempt - 1
+
     def _asked(self, after: str) -> list[str]:
         first = [NASA_TLX] if self.nasa_tlx and after == "condition" else []
         return first + [one.name for one in self.questionnaires if one.after == after]
 
     def items(self, questionnaire: str) -> tuple[Item, ...]:
-        """Return the questions of a questionnaire."""
+        """Return the questions of a questionnaire; those of the NASA-TLX are keys of page texts."""
         if questionnaire == NASA_TLX:
-            ends = {"performance": ("perfect", "failure")}
+            ends = {"performance": ("tlx_perfect", "tlx_failure")}
             return tuple(
-                Item(name, text, *ends.get(name, ("very low", "very high")), _TLX_VALUES)
-                for name, text in _TLX
+                Item(name, f"tlx_{name}", *ends.get(name, ("tlx_low", "tlx_high")), _TLX_VALUES)
+                for name in _TLX
             )
         (asked,) = (one for one in self.questionnaires if one.name == questionnaire)
         values = range(1, asked.points + 1)

@@ -1,36 +1,32 @@
-"""Record of a participant's session in a folder: one line a step, and recordings of the drives.
+"""Session of a participant: the steps of a protocol, each one or more records of a chain.
 
-A folder belongs to one protocol. Participants have numbers and no names. A line is never written
-again: after an interruption, a participant goes on with the first step that is missing.
+Participants have numbers and no names. No record is written again: after an interruption, a
+participant goes on with the first step that is not done. Every attempt at a drive is kept.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from datetime import UTC, datetime
+import re
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from functools import cache
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from agents.evaluation.metrics import Record
-from agents.evaluation.provenance import write_json
-from agents.evaluation.runs import open_store, read_store, stored_line
+from agents.evaluation.provenance import commit, now
 from agents.evaluation.tables import exists
+from agents.people.chain import Chain
+from agents.people.folder import STEPS, claim, folder_of
+from agents.people.progress import CUT_OFF, Progress
 from agents.people.protocol import Protocol, Step
 from wheelchair_gym.base.errors import shorten
-from wheelchair_gym.base.settings import InputError, dump, load, read_json
-
-PROTOCOL = "protocol.json"
-STEPS = "steps.jsonl"
-DATA = "data.csv"
-COLUMNS = (
-    "participant", "position", "condition", "task", "device", "scan_period", "source", "measure",
-    "value",
-)  # fmt: skip
-LARGEST = 9999  # number of a participant
+from wheelchair_gym.base.settings import InputError
 
 
 class Session:
-    """One participant's session in the folder of an experiment.
+    """One participant's session in the folder of an experiment, open to go on.
 
     Args:
         folder: of the experiment; made if missing.
@@ -38,53 +34,133 @@ class Session:
         participant: a number from 1.
 
     Raises:
-        InputError: the folder belongs to another protocol, or the number is none.
+        InputError: the folder belongs to another protocol, the number is none or was deleted, the
+            session is open elsewhere, or its records are damaged.
     """
 
     def __init__(self, folder: str | Path, protocol: Protocol, participant: int) -> None:
-        if not 1 <= participant <= LARGEST:
-            raise InputError(f"participant {participant}: expected a number from 1 to {LARGEST}")
+        digest = claim(Path(folder), protocol)
         self.protocol, self.participant = protocol, participant
-        claim(Path(folder), protocol)
-        self.folder = Path(folder) / f"participant_{participant:04d}"
-        self._done = read_store(self.folder / STEPS)
+        self.folder = folder_of(Path(folder), participant)
+        group, self._unsaved = protocol.group_of(participant), dict[str, Any]()
+        self._opening = {
+            "participant": participant, "group": group.name if group else "", "protocol": digest,
+            "seed": protocol.seed, "version": version("wheelchair_gym"), "commit": _commit(),
+        }  # fmt: skip
+        self._lock = threading.RLock()  # the experimenter's remarks come from another thread
+        self._chain = Chain(self.folder / STEPS)
+        try:
+            self.progress = Progress(protocol, participant, self._chain.read())
+            if self.progress.last:
+                self._append("opened", self._opening)
+                if self.progress.attempts and not self.progress.attempts[-1]["outcome"]:
+                    self.end(CUT_OFF, {})  # the program ended in mid-drive
+        except BaseException:
+            self._chain.close()
+            raise
+
+    def close(self) -> None:
+        """Let others open the session."""
+        with suppress(InputError):
+            self.save()
+        self._chain.close()
 
     def next(self) -> Step | None:
-        """Return the first step that is not done; None at the end."""
-        steps = self.protocol.steps(self.participant)
-        return next((step for step in steps if step.key not in self._done), None)
+        """Return the first step that is not done; None where the session is over."""
+        return self.progress.next()
+
+    def mark(self, kind: str, /, **content: Any) -> None:
+        """Record an event: paused, resumed, withdrawn, note or adverse_event, these with a text."""
+        if not self.progress.last:
+            self._append("opened", self._opening)  # a number that was only typed leaves nothing
+        self._append(kind, content)
+
+    def _append(self, kind: str, content: Mapping[str, Any]) -> None:
+        with self._lock:
+            self.save()
+            self.progress.take(self._chain.append(kind, **content))
+
+    def save(self) -> bool:
+        """Write the end of a drive that could not be written, and return whether there was one.
+
+        Raises:
+            InputError: it still cannot be written.
+        """
+        with self._lock:
+            if not self._unsaved:
+                return False
+            self.progress.take(self._chain.append("ended", **self._unsaved))
+            self._unsaved = {}
+            if rule := self.progress.rule():
+                self._append("stopped", {"rule": rule})
+            return True
+
+    def _due(self, kind: str, step: Step | None = None) -> Step:
+        due = self.next()
+        if due is None or due.kind != kind or (step is not None and step != due):
+            now = "the session is over" if due is None else f"{due.key} is next"
+            raise InputError(f"{kind if step is None else step.key}: {now}")
+        return due
 
     def recording(self, step: Step) -> Path:
-        """Return a new file for the recording of a drive; earlier tries are kept."""
-        names = {"/": "__", " ": "_"}
-        name = "".join(names.get(letter, letter) for letter in step.key)
-        tries = (self.folder / f"{name}_{number}.mcap" for number in range(1, LARGEST))
+        """Return a new file for the recording of a drive; earlier ones are kept."""
+        number = self.progress.steps.index(step) + 1
+        name = f"{number:03d}_{re.sub(r'[^A-Za-z0-9]+', '_', step.key)[:60]}"
+        tries = (self.folder / f"{name}_{k}.mcap" for k in range(1, 10_000))
         return next(path for path in tries if not path.exists())
+
+    def world(self, step: Step) -> int:
+        """Return the seed of the world of the next attempt at a drive."""
+        return self.protocol.world(self.participant, step, self._attempts(step) + 1)
+
+    def _attempts(self, step: Step) -> int:
+        return sum(one["key"] == step.key for one in self.progress.attempts)
 
     def consent(self) -> None:
         """Record that the participant agrees to the protocol's text."""
-        self._finish("consent", {"agreed": True})
+        self.mark("consent", **self._due("consent")._asdict())
 
-    def drive(
-        self, step: Step, figures: Mapping[str, Any], recording: str = "", device: str = "",
-        scan_period: float | None = None,
-    ) -> None:  # fmt: skip
-        """Record that a drive is over.
+    def start(
+        self, recording: str = "", device: str = "", scan_period: float | None = None
+    ) -> None:
+        """Record that the drive which is due has begun.
 
         Args:
-            step: which drive.
-            figures: its numbers, named as `wheelchair compare` does.
             recording: the file's name.
-            device: that the participant used, one of the protocol's.
+            device: that the participant uses, one of the protocol's.
             scan_period: of a single switch [s].
+        """
+        step = self._due("drive")
+        by = {"device": device, "scan_period": scan_period, "recording": recording}
+        attempt = {"attempt": self._attempts(step) + 1, "world": self.world(step)}
+        self.mark("started", **step._asdict() | attempt | by)
+
+    def end(self, outcome: str, figures: Mapping[str, Any]) -> None:
+        """Record how the drive that has begun ended, and stop the session where a rule says so.
+
+        Args:
+            outcome: one of `agents.evaluation.metrics.outcome_of`, GIVEN_UP, CUT_OFF or ABORTED.
+            figures: its numbers, named as `wheelchair compare` does.
+
+        Raises:
+            InputError: it cannot be written; the next record writes it first.
         """
         numbers = {
             key: value if exists(value) else None
             for key, value in figures.items()
             if value is None or isinstance(value, bool | int | float)
         }
-        by = {"device": device, "scan_period": scan_period}
-        self._finish("drive", {"figures": numbers, "recording": recording, **by}, step)
+        key = self.progress.attempts[-1]["key"]
+        self._unsaved = {"key": key, "end": now(), "outcome": outcome, "figures": numbers}
+        self.save()
+
+    def drive(self, step: Step, drive: Callable[[int], Mapping[str, Any]]) -> None:
+        """Make the drive that is due: from the seed of its world to figures with an outcome."""
+        self._due("drive", step)
+        world = self.world(step)
+        self.start()
+        figures = drive(world)
+        self.end(figures["outcome"], figures)
 
     def answer(self, step: Step, values: Sequence[Any]) -> None:
         """Record the answers to a questionnaire, a number for each item.
@@ -101,73 +177,8 @@ class Session:
                 where = f"{step.questionnaire}, {item.name}"
                 raise InputError(f"{where}: {shorten(value)}; expected {ends}")
         names = [item.name for item in items]
-        self._finish("answers", {"answers": dict(zip(names, map(int, values), strict=True))}, step)
-
-    def _finish(self, kind: str, record: Record, step: Step | None = None) -> None:
-        due = self.next()
-        if due is None or due.kind != kind or (step is not None and step != due):
-            now = "the session is over" if due is None else f"{due.key} is next"
-            raise InputError(f"{kind if step is None else step.key}: {now}")
-        record = {
-            "participant": self.participant, "at": datetime.now(UTC).isoformat("T", "seconds"),
-            **due._asdict(), **record,
-        }  # fmt: skip
-        with open_store(self.folder / STEPS) as store:
-            store.write(stored_line(due.key, record).encode())
-        self._done[due.key] = record
+        answers = dict(zip(names, map(int, values), strict=True))
+        self.mark("answers", **self._due("answers", step)._asdict() | {"answers": answers})
 
 
-def read_protocol(path: str | Path) -> Protocol:
-    """Read the protocol of a file.
-
-    Raises:
-        InputError: the file cannot be read, or a setting in it is wrong.
-    """
-    return load(Protocol, read_json(path), Path(path).name)
-
-
-def claim(folder: Path, protocol: Protocol) -> None:
-    """Write the protocol to its folder, once.
-
-    Raises:
-        InputError: the folder belongs to another protocol.
-    """
-    path = folder / PROTOCOL
-    if path.exists():
-        if read_protocol(path) != protocol:
-            raise InputError(
-                f"{folder} holds data of another protocol, {path}; expected that one, or another "
-                "folder (--out)"
-            )
-    else:
-        write_json(path, dump(protocol))
-
-
-def read_folder(folder: str | Path) -> tuple[Protocol, list[Record]]:
-    """Read the protocol of an experiment and the steps of all its participants.
-
-    Raises:
-        InputError: it is no folder of an experiment, or a file in it is damaged.
-    """
-    folder = Path(folder)
-    if not (folder / PROTOCOL).exists():
-        raise InputError(f"{folder}: no folder of an experiment; expected {PROTOCOL} in it")
-    protocol = read_protocol(folder / PROTOCOL)
-    stores = sorted(folder.glob(f"participant_*/{STEPS}"))
-    return protocol, [record for path in stores for record in read_store(path).values()]
-
-
-def tidy(records: Sequence[Record]) -> list[Record]:
-    """Return a row for each measure of each step that counts: long form, columns `COLUMNS`."""
-    rows = []
-    for record in records:
-        if record["practice"]:
-            continue
-        same = {key: record[key] for key in ("participant", "position", "condition", "task")}
-        same |= {key: record.get(key) for key in ("device", "scan_period")}  # of drives
-        values: Record = record.get("figures") or record.get("answers") or {}
-        source = record["questionnaire"] or "drive"
-        for measure, value in values.items():
-            if isinstance(value, bool | int | float):
-                rows.append(same | {"source": source, "measure": measure, "value": float(value)})
-    return rows
+_commit = cache(commit)

@@ -23,9 +23,9 @@ _CLIENTS = 256  # whose rates are remembered
 _HEADERS: Final = (
     (b"content-security-policy",
      b"default-src 'self'; img-src 'self' data: blob:; object-src 'none'; base-uri 'none'; "
-     b"form-action 'none'; frame-ancestors 'none'"),
+     b"form-action 'self'; frame-ancestors 'none'"),
     (b"x-content-type-options", b"nosniff"),
-    (b"referrer-policy", b"no-referrer"),
+    (b"referrer-policy", b"same-origin"),
     (b"cross-origin-resource-policy", b"same-origin"),
     (b"cache-control", b"no-store"),
 )  # fmt: skip
@@ -55,11 +55,13 @@ class Access:
     Args:
         token: that clients must know; empty: a new one is made.
         lan: other machines may come, by this machine's number.
+        home: path below which the token counts.
     """
 
-    def __init__(self, token: str = "", lan: bool = False) -> None:
+    def __init__(self, token: str = "", lan: bool = False, home: str = "/") -> None:
         self.token = token or secrets.token_urlsafe(18)
-        self.lan = lan
+        self.lan, self.home = lan, home
+        self._name = f"studio{home.strip('/')}"  # of the cookie, before the port
         self._bucket = lru_cache(_CLIENTS)(lambda client: Bucket(_PER_SECOND, _BURST))
 
     def refusal(self, scope: Any) -> tuple[int, str]:
@@ -87,13 +89,13 @@ class Access:
 
     def cookie(self, port: int) -> str:
         """The cookie that keeps the token out of the address; browsers share cookies of ports."""
-        return f"studio-{port}={self.token}; Path=/; HttpOnly; SameSite=Strict"
+        return f"{self._name}-{port}={self.token}; Path={self.home}; HttpOnly; SameSite=Strict"
 
     def _knows_token(self, scope: Any, headers: dict[bytes, str]) -> bool:
         cookies = SimpleCookie()
         with suppress(CookieError):
             cookies.load(headers.get(b"cookie", ""))
-        name = f"studio-{(scope.get('server') or ('', 0))[1]}"
+        name = f"{self._name}-{(scope.get('server') or ('', 0))[1]}"
         held = cookies[name].value if name in cookies else ""
         return _equal(held, self.token) or self.gives_token(scope)
 
@@ -107,17 +109,24 @@ class Access:
 
 
 class Guard:
-    """An ASGI application that lets an application see only what `Access` lets in."""
+    """An ASGI application that lets an application see only what `Access` lets in.
 
-    def __init__(self, app: Any, access: Access) -> None:
-        self._app, self._access = app, access
+    Args:
+        app: an ASGI application.
+        accesses: rules, each for the paths below its home; the first that fits counts.
+    """
+
+    def __init__(self, app: Any, *accesses: Access) -> None:
+        self._app, self._accesses = app, accesses
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
         """Serve a connection, or refuse it."""
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
-        status, reason = self._access.refusal(scope)
+        path = scope["path"]
+        access = next(one for one in self._accesses if path.startswith(one.home))
+        status, reason = access.refusal(scope)
         if scope["type"] == "websocket":
             if status:  # before it is accepted: the browser gets 403
                 await receive()
@@ -126,9 +135,9 @@ class Guard:
                 await self._app(scope, receive, send)
         elif status:
             await _answer(send, status, reason, [(b"connection", b"close")])
-        elif scope["path"] == "/" and self._access.gives_token(scope):
-            cookie = self._access.cookie(scope["server"][1])
-            more = [(b"location", b"/"), (b"set-cookie", cookie.encode())]
+        elif path == access.home and access.gives_token(scope):
+            cookie = access.cookie(scope["server"][1])
+            more = [(b"location", access.home.encode()), (b"set-cookie", cookie.encode())]
             await _answer(send, 303, "", more)
         else:
 

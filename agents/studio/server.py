@@ -17,12 +17,14 @@ from typing import Any, Final
 
 from agents.studio.access import MAX_BYTES, Access, Bucket, Guard
 from agents.studio.drawing import UPLOADS
+from agents.studio.experimenter import HOME, Desk
 from agents.studio.messages import Outbox, read_message
 from agents.studio.warm_up import WarmUp
 from wheelchair_gym.base.files import atomic_write, read_json
 from wheelchair_gym.base.settings import InputError
 
 PAGE: Final = Path(__file__).with_name("page")
+PAGES: Final = ("drive", "plan", "compare", "study")
 _MAX_PAGES = 8  # open at once
 _MAX_MESSAGE = 1 << 20  # bytes
 _PER_SECOND, _BURST = 150.0, 300.0  # messages of one page; a stick sends 20 to 60 a second
@@ -48,14 +50,18 @@ class Studio:
         runs: folder below which the page Compare finds recordings and runs; None: `folder`.
         warm_up: how far compiling is; None: a new one, not begun.
         model: chair of `configs/chairs` in all places; None: the default.
+        locked: only the page Study can be reached.
     """
 
     def __init__(
         self, folder: Path, own_map: Mapping[str, Any] | None = None,
         access: Access | None = None, study: Any = None, runs: Path | None = None,
-        warm_up: WarmUp | None = None, model: str | None = None,
+        warm_up: WarmUp | None = None, model: str | None = None, locked: bool = False,
     ) -> None:  # fmt: skip
-        self.folder, self.access, self.study = folder, access or Access(), study
+        self.folder, self.access = folder, access or Access()
+        self.experimenter = Access("", self.access.lan, HOME)
+        self.desk = None if study is None else Desk(folder, study)
+        self.pages = ("study",) if locked else PAGES
         self.runs = runs or folder
         self.warm_up = warm_up or WarmUp()
         self._own_map, self._model = own_map, model
@@ -66,18 +72,25 @@ class Studio:
     def app(self) -> Any:
         """The ASGI application."""
         from starlette.applications import Starlette
+        from starlette.responses import JSONResponse
         from starlette.routing import Mount, Route, WebSocketRoute
         from starlette.staticfiles import StaticFiles
 
-        routes = [
-            Route("/files/{name}", self._file),
+        routes: list[Any] = [
+            Route("/pages", lambda request: JSONResponse(self.pages)),
             Route("/texts.json", self._texts),
             Route("/theme.css", self._theme),
-            Route("/maps/{name}", self._upload, methods=["POST"]),
             WebSocketRoute("/session/{page}", self._socket),
-            Mount("/", StaticFiles(directory=PAGE, html=True)),
         ]
-        return Guard(Starlette(routes=routes), self.access)
+        if self.pages == PAGES:
+            routes += [
+                Route("/files/{name}", self._file),
+                Route("/maps/{name}", self._upload, methods=["POST"]),
+            ]
+        if self.desk is not None:
+            routes += self.desk.routes(_body)
+        routes.append(Mount("/", StaticFiles(directory=PAGE, html=True)))
+        return Guard(Starlette(routes=routes), self.experimenter, self.access)
 
     def places(self) -> dict[str, Any]:
         """Return the places to drive in, by key; loaded once."""
@@ -122,11 +135,7 @@ class Studio:
             expected = f"an ending .yaml, .pgm, .png, .jpg, .bmp, .map or .json, {_LONGEST} bytes "
             expected += 'at most, no point or space at the begin, and none of / \\ < > : " | ? *'
             return PlainTextResponse(f"expected a name with {expected}\n", 400)
-        content = bytearray()
-        async for chunk in request.stream():
-            content += chunk
-            if len(content) > MAX_BYTES:
-                return PlainTextResponse(f"expected at most {MAX_BYTES:,} bytes\n", 413)
+        content = await _body(request, MAX_BYTES)
         folder = self.folder / UPLOADS
         folder.mkdir(parents=True, exist_ok=True)
         with atomic_write(folder / name) as part:
@@ -136,8 +145,8 @@ class Studio:
     async def _socket(self, connection: Any) -> None:
         """Serve one page until it goes."""
         kind = connection.path_params["page"]
-        if kind not in SESSIONS or self._pages >= _MAX_PAGES:
-            await connection.close(1013 if kind in SESSIONS else 1008)
+        if kind not in self.pages or self._pages >= _MAX_PAGES:
+            await connection.close(1013 if kind in self.pages else 1008)
             return
         await connection.accept()
         self._pages += 1
@@ -170,7 +179,16 @@ class Studio:
             await asyncio.sleep(0.25)
 
 
-SESSIONS: Final = ("drive", "plan", "compare", "study")
+async def _body(request: Any, limit: int) -> bytes:
+    """Read the body of a request of limited length [bytes]."""
+    from starlette.exceptions import HTTPException
+
+    content = bytearray()
+    async for chunk in request.stream():
+        content += chunk
+        if len(content) > limit:
+            raise HTTPException(413, f"expected at most {limit:,} bytes")
+    return bytes(content)
 
 
 def make_session(page: str, studio: Studio, out: Outbox) -> Any:
@@ -178,7 +196,7 @@ def make_session(page: str, studio: Studio, out: Outbox) -> Any:
     if page == "study":
         from agents.studio.study import StudySession
 
-        return StudySession(studio.study, studio.folder, out, studio.warm_up.ready)
+        return StudySession(studio.desk, out, studio.warm_up.ready)
     from agents.studio.catalogue import choices
     from agents.studio.compare_session import CompareSession
     from agents.studio.plan_session import PlanSession
@@ -293,8 +311,11 @@ def serve(studio: Studio, port: int) -> None:
     bound = listening_socket(host, port)
     number = bound.getsockname()[1]
     shown = _lan_address() if studio.access.lan else "127.0.0.1"
-    page = "" if studio.study is None else "#study"
+    page = "" if studio.desk is None else "#study"
     print(f"http://{shown}:{number}/?token={studio.access.token}{page}", flush=True)
+    if studio.desk is not None:
+        address = f"http://{shown}:{number}{HOME}?token={studio.experimenter.token}"
+        print(f"experimenter, in another browser: {address}", flush=True)
     print("open this address in a browser; Ctrl-C ends the studio", file=sys.stderr)
     with bound:
         make_server(studio).run(sockets=[bound])

@@ -113,6 +113,8 @@ class DriveSession(PageSession):
             _LOG.exception("studio: the drive failed")
             self._out.send("error", text=f"the drive ended: {type(error).__name__}: {error}")
             self._end()
+            if not drive.steps:
+                self._unbegun()
             return
         self._out.show(*drive.picture())
         if drive.over:
@@ -218,7 +220,7 @@ class DriveSession(PageSession):
             self._after(drive)
 
     def _unbegun(self) -> None:
-        """A person has ended a drive before its first step."""
+        """A drive has ended before its first step."""
         self._out.send("unbegun")
 
     def _after(self, drive: Drive) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,14 +12,18 @@ import numpy as np
 from agents.evaluation.assisted import StickTrace
 from agents.evaluation.evaluate import episode_env, label, without_labels
 from agents.evaluation.metrics import Record, Trace, measure
-from agents.people.protocol import DEVICES, MIN_SCAN, Protocol, Step
-from agents.people.session import LARGEST, Session
+from agents.people.folder import LARGEST, progress_of
+from agents.people.progress import ABORTED, CUT_OFF, GIVEN_UP, OVER, State
+from agents.people.protocol import DEVICES, MIN_SCAN, Step
+from agents.people.session import Session
 from agents.studio.catalogue import NO_HAND, NO_SIGHT, Place
 from agents.studio.drive import Drive, Order
-from agents.studio.messages import Fields, Message, Outbox, number, one_of, whole_numbers
+from agents.studio.experimenter import Desk
+from agents.studio.messages import FLAG, Fields, Message, Outbox, number, one_of, whole_numbers
 from agents.studio.session import FIELDS, DriveSession
 from wheelchair_gym.base.settings import InputError, dump
 from wheelchair_gym.people.drivers.settings import Hand, Perception
+from wheelchair_gym.safety.stops import active_stops
 from wheelchair_gym.types import Stick
 
 RATE: Final = 20  # Hz, of control and of pictures
@@ -26,16 +31,26 @@ RATE: Final = 20  # Hz, of control and of pictures
 PATIENCE: Final = {"task": {"time_base": 60.0, "time_factor": 10.0}}
 _ITEMS = 100  # of a questionnaire, at most
 
+_STEP = {"step": number(1, 10_000, whole=True)}  # that a message is about: sent again, it is known
 STUDY_FIELDS: Final[Fields] = {
-    **{kind: FIELDS[kind] for kind in ("stick", "press", "stop")},
+    **{kind: FIELDS[kind] for kind in ("stick", "press", "stop", "pause")},
     "device": {"name": one_of(DEVICES), "scan_period": number(MIN_SCAN, 10.0)},
-    "participant": {"number": number(1, LARGEST, whole=True)},
-    "consent": {}, "begin": {}, "give_up": {}, "answer": {"values": whole_numbers(_ITEMS)},
+    "participant": {"number": number(1, LARGEST, whole=True), "resume": FLAG},
+    "consent": _STEP, "begin": {}, "answer": {"values": whole_numbers(_ITEMS), **_STEP},
+    "withdraw": {},
 }  # fmt: skip
 
 
 class MeasuredDrive(Drive):
-    """A drive whose figures are those of `wheelchair compare`."""
+    """A drive whose figures are those of `wheelchair compare`.
+
+    Attributes:
+        blind: whether the page is not told what shield and assistant do.
+        begun: called before the first step.
+    """
+
+    blind = True
+    begun: Callable[[], None]
 
     def _begin(self) -> None:
         super()._begin()
@@ -46,6 +61,8 @@ class MeasuredDrive(Drive):
         self._trace.add(self._info)
 
     def _advance(self, stick: Stick) -> None:
+        if not self.steps:
+            self.begun()
         super()._advance(stick)
         task, trace = self._world.task, self._trace
         given = task.limits.twist(np.array(task.action)) - np.array(task.shield_intervention)
@@ -58,30 +75,44 @@ class MeasuredDrive(Drive):
         self._trace.shortest = self.shortest()
         return measure(self._trace, self._info, self._truncated)
 
+    def summary(self) -> dict[str, Any]:
+        """The outcome alone."""
+        return {"outcome": self.figures()["outcome"] if self.over else "stopped"}
+
+    def world(self) -> dict[str, Any]:
+        """See `Drive.world`."""
+        return super().world() | ({"shielded": False, "order": {}} if self.blind else {})
+
+    def picture(self) -> tuple[dict[str, Any], bytes]:
+        """See `Drive.picture`."""
+        head, ranges = super().picture()
+        if self.blind:
+            halted = active_stops(self._world.task.reading.halted, None)
+            head |= {"given": (0.0, 0.0), "reason": "", "stands": halted}
+        return head, ranges
+
 
 class StudySession(DriveSession):
     """Leads one participant through the steps of a protocol.
 
     Args:
-        protocol: the experiment; None: there is none, and the page says so.
-        folder: of its data.
+        desk: of the experiment; None: there is none, and the page says so.
         outbox: of the page.
         ready: set once a first drive is compiled.
     """
 
     fields = STUDY_FIELDS
 
-    def __init__(
-        self, protocol: Protocol | None, folder: Path, outbox: Outbox, ready: threading.Event
-    ) -> None:
-        self._protocol = protocol
+    def __init__(self, desk: Desk | None, outbox: Outbox, ready: threading.Event) -> None:
+        self._desk = desk
         self._session: Session | None = None
-        self._given_up: tuple[Any, ...] | None = None  # a drive that may be driven again
-        self._device = ""
-        super().__init__({}, folder, outbox, ready)
+        self._device, self._why = "", CUT_OFF
+        super().__init__({}, Path() if desk is None else desk.folder, outbox, ready)
+        protocol = None if desk is None else desk.protocol
         outbox.send("study", **({"title": ""} if protocol is None else {
-            "title": protocol.title, "consent": protocol.consent,
+            "title": protocol.title, "consent": protocol.consent, "language": protocol.language,
             "devices": protocol.devices, "scan_period": protocol.scan_period,
+            "blind": protocol.blind,
         }))  # fmt: skip
 
     def receive(self, message: Message) -> None:
@@ -89,6 +120,20 @@ class StudySession(DriveSession):
         if message["type"] == "stick" and message["by"] != self._device:
             return
         super().receive(message)
+
+    def _run(self) -> None:
+        try:
+            super()._run()
+        finally:
+            self._leave()
+
+    def _leave(self) -> None:
+        """End the drive, and let others open the participant's session."""
+        self._end()
+        if self._desk is not None and self._session is not None:
+            self._desk.open.pop(self._session.participant, None)
+            self._session.close()
+        self._session = None
 
     def _of(self) -> Session:
         """The participant's session.
@@ -100,35 +145,49 @@ class StudySession(DriveSession):
             raise InputError("participant: expected a number first")
         return self._session
 
-    def _step_of(self, kind: str) -> Step:
-        """The step that is due.
+    def _drive_due(self) -> Step:
+        """The drive that is due.
 
         Raises:
-            InputError: it is of another kind.
+            InputError: another step is.
         """
         step = self._of().next()
-        if step is None or step.kind != kind:
-            raise InputError(f"{kind}: {'the session is over' if step is None else step.key}")
+        if step is None or step.kind != "drive":
+            raise InputError(f"begin: {'the session is over' if step is None else step.kind}")
         return step
 
-    def _send_step(self) -> None:
-        """Send the step that is due to the page."""
-        session, self._given_up = self._of(), None
-        protocol, step = session.protocol, session.next()
-        steps = list(protocol.steps(session.participant))
+    def _is_due(self, message: Message) -> Step | None:
+        """The step that is due if a message is about it; else it is sent, since that is done."""
+        progress = self._of().progress
+        step = progress.next()
+        if step is not None and progress.steps.index(step) + 1 == message["step"]:
+            return step
+        self._send_step()
+        return None
+
+    def _send_step(self, outcome: str = "") -> None:
+        """Send the step that is due to the page, with the outcome of a drive before it."""
+        progress = self._of().progress
+        protocol, step = progress.protocol, progress.next()
         if step is None:
-            self._out.send("done", participant=session.participant)
+            over = "study_done" if progress.state == State.FINISHED else "study_ended"
+            self._out.send("done", text=over, outcome=outcome)
             return
-        of: dict[str, Any] = {"count": len(steps), "number": steps.index(step) + 1}
+        of: dict[str, Any] = {
+            "kind": step.kind, "task": step.task, "practice": step.practice, "outcome": outcome,
+            "questionnaire": step.questionnaire, "number": progress.steps.index(step) + 1,
+            "count": len(progress.steps),
+        }  # fmt: skip
         if step.kind == "drive":
-            of["condition_text"] = self._condition(step).text
-            of["task_text"] = self._task(step).text
+            of["text"] = [self._task(step).text]
+            if not protocol.blind:
+                of["text"].append(self._condition(step).text)
         elif step.kind == "answers":
             of["items"] = [
                 [item.text, item.low, item.high, list(item.values)]
                 for item in protocol.items(step.questionnaire)
             ]
-        self._out.send("step", **step._asdict(), **of)
+        self._out.send("step", **of)
 
     def _condition(self, step: Step) -> Any:
         (found,) = (c for c in self._of().protocol.conditions if c.name == step.condition)
@@ -140,12 +199,24 @@ class StudySession(DriveSession):
         return found
 
     def on_participant(self, message: Message) -> None:
-        """Begin or go on with a participant's session."""
-        if self._protocol is None:
+        """Begin a participant's session, or go on with it where the page has confirmed that."""
+        desk = self._desk
+        if desk is None:
             raise InputError("participant: expected a studio that was started with --study")
-        self._end()
-        self._session = Session(self._folder, self._protocol, message["number"])
+        self._leave()
+        progress = progress_of(desk.folder, desk.protocol, message["number"])
+        if progress.last and not message["resume"]:
+            self._out.send("known", number=message["number"], **progress.row())
+            return
+        self._session = Session(desk.folder, desk.protocol, message["number"])
+        desk.open[message["number"]] = self
+        if self._session.progress.state == State.PAUSED:
+            self._session.mark("resumed")
         self._send_step()
+
+    def remark(self, kind: str, text: str) -> None:
+        """Record what the experimenter remarks about the participant; from any thread."""
+        self._of().mark(kind, text=text)
 
     def on_device(self, message: Message) -> None:
         """Take another device before a drive."""
@@ -158,18 +229,22 @@ class StudySession(DriveSession):
 
     def on_consent(self, message: Message) -> None:
         """Note the participant's consent."""
-        self._of().consent()
-        self._send_step()
+        if self._is_due(message):
+            self._of().consent()
+            self._send_step()
 
     def on_answer(self, message: Message) -> None:
         """Take the answers of the questionnaire that is due."""
-        step = self._step_of("answers")
-        self._of().answer(step, message["values"])
-        self._send_step()
+        if step := self._is_due(message):
+            self._of().answer(step, message["values"])
+            self._send_step()
 
     def on_begin(self, message: Message) -> None:
-        """Begin the drive that is due, or begin it again."""
-        step = self._step_of("drive")
+        """Begin the drive that is due."""
+        if self._of().save():  # which the disk had no room for
+            self._send_step()
+            return
+        step = self._drive_due()
         if not self._device:
             raise InputError("begin: expected a device first")
         self._end()
@@ -179,33 +254,61 @@ class StudySession(DriveSession):
         hand: Any = NO_HAND
         if condition.hand != Hand():
             hand = {"name": "expert", "hand": dump(condition.hand)}
-        file = self._of().recording(step)
+        file, seed = self._of().recording(step), self._of().world(step)
         sight = NO_SIGHT if condition.perception == Perception() else condition.perception
-        order = Order("", place, task.seed, condition.assist, hand, RATE, file, sight)
+        order = Order("", place, seed, condition.assist, hand, RATE, file, sight)
+        self._why = CUT_OFF
         self._begin_when_ready(order)
 
     def _make(self, order: Order) -> Drive:
-        return MeasuredDrive(order, self._folder, self._scan_period)
+        session, drive = self._of(), MeasuredDrive(order, self._folder, self._scan_period)
+        recording = "" if drive.file is None else drive.file.name
+        period = self._scan_period or None
+        drive.blind = session.protocol.blind
+        drive.begun = lambda: session.start(recording, self._device, period)
+        return drive
+
+    def _end(self) -> None:
+        if self._drive is not None and self._drive.over:
+            self._why = ""
+        super()._end()
 
     def _after(self, drive: Drive) -> None:
-        if not isinstance(drive, MeasuredDrive) or self._closing.is_set():
-            return
-        step, figures = self._step_of("drive"), drive.figures()
-        recording = "" if drive.file is None else drive.file.name
-        done = step, figures, recording, self._device, self._scan_period or None
-        if drive.over:
-            self._of().drive(*done)
-            self._send_step()
-        else:
-            self._given_up = done
-            self._out.send("unfinished")
+        assert isinstance(drive, MeasuredDrive)
+        figures = drive.figures()
+        # A chair that is let go may still roll to the goal, which is not the participant's doing.
+        outcome = figures["outcome"] if figures["contact"] or not self._why else self._why
+        try:
+            self._of().end(outcome, figures)
+        except InputError as error:
+            self._out.send("error", text=str(error))
+        self._send_step(outcome)
 
     def _unbegun(self) -> None:
         self._send_step()  # so that another device can be chosen
 
-    def on_give_up(self, message: Message) -> None:
-        """Count a drive that was ended before its goal as one that did not arrive."""
-        if self._given_up is None:
-            raise InputError("give_up: expected a drive that was ended before its goal")
-        self._of().drive(*self._given_up)
+    def on_stop(self, message: Message) -> None:
+        """End the drive as one that the participant gave up."""
+        self._why = GIVEN_UP
+        super().on_stop(message)
+
+    def on_abort(self, message: Message) -> None:
+        """End the drive for the experimenter."""
+        self._why = ABORTED
+        super().on_stop(message)
+
+    def on_pause(self, message: Message) -> None:
+        """Pause or resume the session, and with it the time of a drive."""
+        state = self._of().progress.state
+        if state not in OVER and message["on"] != (state == State.PAUSED):
+            self._of().mark("paused" if message["on"] else "resumed")
+        super().on_pause(message)
+        if self._drive is None and not message["on"]:
+            self._send_step()
+
+    def on_withdraw(self, message: Message) -> None:
+        """End the session for good, since the participant wants that."""
+        self.on_stop(message)
+        if self._of().progress.state not in OVER:
+            self._of().mark("withdrawn")
         self._send_step()

@@ -65,6 +65,7 @@ OWN = {
     "cli.train._in_processes": "opened to be written",
     "learning.checkpoint.save_checkpoint": "opened to be written",
     "learning.sb3.save_model": "opened to be written",
+    "people.chain.__init__": "opened to be written; `read_chain` reads it",
     "evaluation.runs.open_store": "opened to be written; `read_store` reads it",
 }
 

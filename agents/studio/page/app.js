@@ -18,6 +18,8 @@ class WelcomePage {
 }
 
 const PAGES = { welcome: WelcomePage, drive: DrivePage, plan: PlanPage, compare: ComparePage, study: StudyPage };
+const allowed = await (await fetch("pages")).json(); // of this server
+for (const name of Object.keys(PAGES)) if (!allowed.includes(name === "welcome" ? "drive" : name)) delete PAGES[name];
 const wants = query => matchMedia(query).matches;
 const kept = () => { try { return JSON.parse(localStorage.getItem("studio") ?? "{}"); } catch { return {}; } };
 const looks = {
@@ -64,11 +66,15 @@ for (const name of Object.keys(PAGES)) {
   tab.dataset.page = name;
   by("tabs").append(make("li", {}, tab));
 }
+by("tabs").parentElement.hidden = allowed.length < 2;
 by("language").append(...LANGUAGES.map(([name, own]) => new Option(own, name)));
 for (const id of ["language", "size"]) by(id).onchange = () => { looks[id] = by(id).value; apply(); };
 for (const id of ["contrast", "still"]) by(id).onchange = () => { looks[id] = by(id).checked; apply(); };
 matchMedia("(prefers-color-scheme: dark)").onchange = apply;
-by("again").onclick = () => open(location.hash.slice(1) in PAGES ? location.hash.slice(1) : looks.known ? "drive" : "welcome");
+by("again").onclick = () => {
+  const asked = location.hash.slice(1), first = looks.known ? allowed[0] : Object.keys(PAGES)[0];
+  open(asked in PAGES ? asked : first);
+};
 addEventListener("hashchange", () => { if (location.hash.slice(1) in PAGES) by("again").onclick(); });
 apply();
 by("again").onclick();

@@ -290,13 +290,17 @@ def test_the_first_sentence_says_who_wins_where(tmp_path):
     what["records"][7]["success"] = True  # of the second policy, on the first scene
     what["kinds"] = {POLICIES[0]: "learned", POLICIES[1]: "planned"}
     said = (
-        "Winners by success, then by SPL: a|b <i>& on clutter (2 of 3), a|b <i>& on office (1 of "
-        "3), all planned policies 3 of 6, all learned policies 2 of 6."
+        "Best policy by contacts, then by success: none on clutter or office, where 95 % intervals "
+        "overlap, all planned policies 3 of 6, all learned policies 2 of 6."
     )
     assert lead(write_report(what, tmp_path)) == said
     assert markdown(what).splitlines()[6] == said
-    what["summary"] = [row | {"success": 0.5} for row in what["summary"]]
-    assert "on office (1 of 3, level with 1 more)," in lead(write_report(what, tmp_path))
+    for row in what["summary"]:
+        row |= {"authority": 0.1} | ({"collision_low": 0.8} if row["policy"] == "dwa" else {})
+        row |= {"collision": 0.9} if row["policy"] == "dwa" else {}
+    assert lead(write_report(what, tmp_path)).startswith(
+        "Best assistant by contacts, then by success: a|b <i>& on clutter (33.3 % contacts, 43.3 % "
+    )
 
 
 def test_suites_have_all_learned_policies_and_all_chains_of_rrt_star_woa():

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from agents.evaluation.report import level_with, ranking_table, winners
-from agents.evaluation.statistics import wilson
+from agents.evaluation.report import best_of, level_with, ranked, ranking_table, winners
+from agents.evaluation.statistics import share, wilson
 
 
 def evaluation(successes):
@@ -14,11 +14,13 @@ def evaluation(successes):
                     for seed, success in enumerate(of)]  # fmt: skip
         low, high = wilson(sum(of), len(of))
         summary.append({"policy": policy, "scene": scene, "success": sum(of) / len(of),
-                        "success_low": low, "success_high": high, "spl": 0.5})  # fmt: skip
+                        "success_low": low, "success_high": high, "spl": 0.5,
+                        "collision": 0.0, "collision_low": 0.0, "collision_high": 0.1})  # fmt: skip
     policies = list(dict.fromkeys(policy for policy, _ in successes))
     for policy in policies:
         of = [row["success"] for row in summary if row["policy"] == policy]
-        summary.append({"policy": policy, "scene": "all", "success": sum(of) / len(of), "spl": 0.5})
+        summary.append({"policy": policy, "scene": "all", "success": sum(of) / len(of),
+                        "spl": 0.5, "collision": 0.0})  # fmt: skip
     scenes = list(dict.fromkeys(scene for _, scene in successes))
     return {"policies": policies, "scenes": scenes, "records": records, "summary": summary}
 
@@ -58,3 +60,19 @@ def test_nobody_wins_where_nobody_arrives_or_where_too_few_episodes_tell():
     assert winners(both) == {"hall": [], "door": ["a"]}
     both = evaluation({(p, s): few for p in "ab" for s in ("hall", "door")})
     assert ranking_table(both) is None
+
+
+def row(name, contacts, successes, n=100):
+    return {"policy": name, "scene": "all", "spl": 0.5, **share("collision", contacts, n),
+            **share("success", successes, n)}  # fmt: skip
+
+
+def test_contacts_count_before_success_and_no_best_is_named_where_intervals_overlap():
+    careful, quick, lame = row("careful", 2, 80), row("quick", 30, 95), row("lame", 0, 20)
+    assert [one["policy"] for one in ranked([quick, careful, lame])] == ["lame", "careful", "quick"]
+    assert best_of(ranked([quick, careful])) is careful
+    assert best_of(ranked([careful, lame])) is None  # contacts overlap, and fewer arrive
+    assert best_of(ranked([row("a", 0, 99), row("b", 3, 40)]))["policy"] == "a"
+    assert best_of(ranked([row("a", 0, 95), row("b", 0, 99)])) is None
+    assert best_of([careful]) is careful
+    assert best_of([]) is None

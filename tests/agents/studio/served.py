@@ -51,9 +51,9 @@ class Served:
 
 
 @contextmanager
-def serving(folder, study=None, goal=3.3):
+def serving(folder, study=None, goal=3.3, locked=False):
     """A studio that is served while the context lasts; its files go to a folder."""
-    studio = Studio(folder / "out", room_map(folder, goal), Access(), study)
+    studio = Studio(folder / "out", room_map(folder, goal), Access(), study, locked=locked)
     bound = listening_socket("127.0.0.1", 0)
     server = make_server(studio)
     studio.warm_up.start()

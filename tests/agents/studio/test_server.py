@@ -36,14 +36,16 @@ def patient(monkeypatch):
     monkeypatch.setattr(session, "DEAD_MAN", PATIENCE)
 
 
-def get(served, path, method="GET", **headers):
+def get(served, path, method="GET", content="", **headers):
     """Status, headers and body of an answer."""
     line = http.client.HTTPConnection("127.0.0.1", served.port, timeout=PATIENCE)
     headers = {name.replace("_", "-"): value for name, value in headers.items()}
     line.putrequest(method, path, skip_host="Host" in headers)
     for name, value in headers.items():
         line.putheader(name, value)
-    line.endheaders()
+    if content:
+        line.putheader("Content-Length", str(len(content)))
+    line.endheaders(content.encode())
     answer = line.getresponse()
     body = answer.read()
     line.close()

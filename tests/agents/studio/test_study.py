@@ -3,14 +3,26 @@
 from __future__ import annotations
 
 import csv
+import errno
+import json
+import math
+import subprocess
+import sys
 import threading
 from types import SimpleNamespace
+from urllib.parse import urlencode
 
 import pytest
+from websockets.exceptions import InvalidStatus
 
 from agents.cli import main
+from agents.people.chain import read_chain
+from agents.people.folder import read_folder
+from agents.people.progress import ABORTED, CUT_OFF, GIVEN_UP, State
 from agents.people.protocol import Condition, Protocol, Questionnaire, Task
-from agents.people.session import read_folder
+from agents.people.session import Session
+from agents.studio.experimenter import Desk
+from agents.studio.messages import read_message
 from agents.studio.study import PATIENCE, STUDY_FIELDS, StudySession
 from tests.agents.studio.served import (
     SCREENS,
@@ -24,6 +36,10 @@ from tests.agents.studio.served import (
     serving,
     until,
 )
+from tests.agents.studio.test_server import get
+from tests.conftest import ROOT, long_but, refusal
+from tests.conftest import until as wait_until
+from wheelchair_gym.base.settings import InputError
 
 STEPS = [
     "consent", "help 0/hall", "help 0/room", "help 0/nasa_tlx", "help 0/trust",
@@ -44,10 +60,10 @@ def opened(tmp_path_factory):
     protocol = Protocol(
         "Rooms", "You may stop at any time.", conditions, (task,), (Task("hall", scene),),
         questionnaires=(Questionnaire("trust", ("I felt safe.", "It obeyed.")),),
-        devices=("keyboard", "touch", "switch"),
+        devices=("keyboard", "touch", "switch"), tries=2, order="listed",
     )  # fmt: skip
     with (
-        serving(folder, protocol) as served,
+        serving(folder, protocol, locked=True) as served,
         browsing() as browser,
         looked_at(browser, f"{served.url}#study") as page,
     ):
@@ -55,10 +71,10 @@ def opened(tmp_path_factory):
         yield served, page
 
 
-def drive(page, button="#go"):
+def drive(page):
     """Begin a drive and hold a key until it has ended."""
     page.evaluate("studio.now = studio.result = null")
-    page.click(button)
+    page.click("#go")
     until(page, "studio.running && studio.now?.waits")
     page.keyboard.down("ArrowUp")
     until(page, "!studio.running")
@@ -97,9 +113,10 @@ def test_a_participant_goes_from_consent_to_the_data(opened, capsys):
             until(page, "studio.now?.twist[0] < -0.01")
             page.keyboard.up("ArrowDown")
             page.keyboard.press("Escape")
-            until(page, "document.querySelector('#repeat')")
+            until(page, "document.querySelector('#go[data-t=begin_drive]')")
+            assert "You ended the drive before its goal." in page.inner_text(".banner.alarm")
             axe(page)
-            drive(page, "#repeat")
+            drive(page)
         else:
             drive(page)
         for items in (6, 2):
@@ -112,16 +129,19 @@ def test_a_participant_goes_from_consent_to_the_data(opened, capsys):
             page.click("#go")
             until(page, f"document.querySelectorAll('.panel fieldset').length != {items}")
     until(page, "document.querySelector('[data-t=study_done]')")
-    records = read_folder(served.studio.folder)[1]
-    assert [record["key"] for record in records] == STEPS
-    drives = {record["key"]: record for record in records if record["kind"] == "drive"}
-    assert all(record["figures"]["success"] for record in drives.values())
+    one = of(served, 3)
+    assert list(one.done) == STEPS
+    assert all(one.done[key]["figures"]["success"] for key in STEPS if key.endswith("m"))
+    drives = one.done
     assert drives["help 1/room"]["figures"]["time"] > drives["help 0/room"]["figures"]["time"]
-    assert drives["help 0/room"]["recording"] == "help_0__room_2.mcap"
+    assert drives["help 0/room"]["recording"] == "003_help_0_room_2.mcap"
     assert drives["help 0/room"]["device"] == "keyboard"
     assert drives["help 0/room"]["scan_period"] is None
-    assert list(records[3]["answers"].values()) == [0, 5, 10, 15, 20, 25]
-    assert list(records[4]["answers"].values()) == [1, 2]
+    assert [attempt["outcome"] for attempt in one.attempts] == [
+        "success", GIVEN_UP, "success", "success", "success",
+    ]  # fmt: skip
+    assert list(drives["help 0/nasa_tlx"]["answers"].values()) == [0, 5, 10, 15, 20, 25]
+    assert list(drives["help 0/trust"]["answers"].values()) == [1, 2]
     assert main(["report", str(served.studio.folder)]) == 0
     capsys.readouterr()
     with (served.studio.folder / "data.csv").open() as file:
@@ -134,7 +154,7 @@ def test_a_participant_goes_from_consent_to_the_data(opened, capsys):
     }
     recordings = sorted((served.studio.folder / "participant_0003").glob("*.mcap"))
     assert len(recordings) == 5
-    assert main(["replay", str(recordings[2])]) == 0
+    assert main(["replay", str(recordings[3])]) == 0
     assert "the same rewards" in capsys.readouterr().out
 
 
@@ -175,10 +195,7 @@ def test_the_device_is_chosen_before_a_drive_and_stays(opened):
     page.keyboard.press("Escape")  # before it has begun: another device may be chosen
     until(page, "document.querySelector('#go[data-t=begin_drive]')")
     assert page.is_visible("#device")
-    (record,) = (
-        one for one in read_folder(served.studio.folder)[1]
-        if (one["participant"], one["kind"]) == (5, "drive")
-    )  # fmt: skip
+    (record,) = of(served, 5).attempts
     assert (record["device"], record["scan_period"]) == ("switch", 0.5)
 
 
@@ -195,29 +212,45 @@ def test_questions_are_not_cut_off(opened, width):
     page.set_viewport_size({"width": 1280, "height": 900})
 
 
+def of(served, number):
+    """The progress of a participant, by the records."""
+    (found,) = (one for one in read_folder(served.studio.folder)[1] if one.participant == number)
+    return found
+
+
+def joined(socket, number):
+    """Go on with a session on another socket, once the server has noticed that the last is gone."""
+    while True:
+        send(socket, "participant", number=number, resume=True)
+        found = messages(socket, "step", "done", "error")
+        if found["type"] != "error":
+            return found
+        assert "open in another tab" in found["text"]
+
+
 def test_steps_that_are_not_due_are_refused(opened):
     served, _ = opened
     with served.socket("study") as socket:
         assert messages(socket, "study")["title"] == "Rooms"
         socket_says = lambda: messages(socket, "error", "step", "done")  # noqa: E731
-        send(socket, "consent")
+        send(socket, "consent", step=1)
         assert "expected a number first" in socket_says()["text"]
-        send(socket, "participant", number=8)
+        send(socket, "participant", number=8, resume=False)
         assert socket_says()["kind"] == "consent"
-        for kind, more in (("begin", {}), ("answer", {"values": [1]}), ("give_up", {})):
+        for kind, more in (("begin", {}), ("answer", {"values": [1], "step": 1})):
             send(socket, kind, **more)
             assert socket_says()["type"] == "error"
-        send(socket, "participant", number=0)
+        send(socket, "participant", number=0, resume=False)
         assert "participant.number is 0" in socket_says()["text"]
-    assert set(STUDY_FIELDS) >= {"participant", "consent", "begin", "give_up", "answer"}
+    assert set(STUDY_FIELDS) >= {"participant", "consent", "begin", "answer"}
 
 
 def test_a_page_that_is_closed_in_a_drive_leaves_the_step_open(opened):
     served, _ = opened
     with served.socket("study") as socket:
-        send(socket, "participant", number=9)
+        send(socket, "participant", number=9, resume=False)
         messages(socket, "step")
-        send(socket, "consent")
+        send(socket, "consent", step=1)
         messages(socket, "step")
         send(socket, "begin")
         assert "expected a device first" in messages(socket, "error")["text"]
@@ -237,8 +270,278 @@ def test_a_page_that_is_closed_in_a_drive_leaves_the_step_open(opened):
             picture = messages(socket, "picture")
         assert picture["twist"][0] > 0.1
     with served.socket("study") as socket:
-        send(socket, "participant", number=9)
-        assert messages(socket, "step")["task"] == "hall"
+        assert joined(socket, 9)["task"] == "hall"
+    (attempt,) = of(served, 9).attempts
+    assert (attempt["outcome"], attempt["counts"]) == (CUT_OFF, False)
+    assert attempt["figures"]["length"] > 0.0
+    assert attempt["at"] <= attempt["end"]
+
+
+def test_nothing_that_a_page_gets_names_the_condition_or_what_it_does(opened):
+    served, _ = opened
+    with served.socket("study") as socket:
+        assert messages(socket, "study")["blind"]
+        send(socket, "participant", number=21, resume=False)
+        messages(socket, "step")
+        send(socket, "consent", step=1)
+        step = messages(socket, "step")
+        send(socket, "device", name="touch", scan_period=1.0)
+        send(socket, "begin")
+        world = messages(socket, "world")
+        while (picture := messages(socket, "picture"))["t"] < 3.0:  # towards a wall
+            send(socket, "stick", forward=-1.0, left=0.2, by="touch")
+            assert (picture["given"], picture["reason"]) == ([0.0, 0.0], "")
+    assert (world["shielded"], world["order"]) == (False, {})
+    said = json.dumps([step, world])
+    assert not any(word in said for word in ("help 0", "slide", "Slide", "condition"))
+
+
+def test_a_second_tab_and_a_mistyped_number_are_told(opened):
+    served, _ = opened
+    with served.socket("study") as first, served.socket("study") as second:
+        send(first, "participant", number=22, resume=False)
+        messages(first, "step")
+        send(first, "consent", step=1)
+        assert messages(first, "step")["task"] == "hall"
+        send(second, "participant", number=22, resume=False)
+        known = messages(second, "known")
+        assert (known["done"], known["steps"]) == (1, 9)
+        send(second, "participant", number=22, resume=True)
+        assert "participant 22 is open in another tab" in messages(second, "error")["text"]
+        send(first, "consent", step=1)  # sent twice: it is known, and nothing is stored again
+        assert messages(first, "step")["number"] == 2
+    path = served.studio.folder / "participant_0022" / "steps.jsonl"
+    assert [record["kind"] for record in read_chain(path)[0]] == ["opened", "consent"]
+
+
+def test_the_server_gives_participants_the_study_alone(opened, capsys):
+    served, page = opened
+    token = served.studio.access.token
+    (served.studio.folder / "drive.mcap").write_bytes(b"of another")
+    assert get(served, f"/pages?token={token}")[2] == b'["study"]'
+    for path in ("/files/drive.mcap", "/participant_0003/steps.jsonl", "/maps/room.yaml"):
+        assert get(served, f"{path}?token={token}")[0] in (404, 405)
+    assert get(served, f"/experimenter?token={token}")[0] == 403
+    for kind in ("drive", "plan", "compare"):
+        with pytest.raises(InvalidStatus), served.socket(kind):
+            pass
+    page.evaluate("location.hash = '#drive'")
+    assert not page.is_visible("nav")
+    assert page.evaluate("studio.constructor.name") == "StudyPage"
+    assert "--participant needs --study" in refusal(["studio", "--participant"], capsys)
+
+
+def test_the_experimenter_sees_everybody_remarks_and_aborts(opened):
+    served, _ = opened
+    token = served.studio.experimenter.token
+    assert get(served, f"/?token={token}")[0] == 403
+    status, headers, _ = get(served, f"/experimenter?token={token}")
+    assert (status, headers["location"]) == (303, "/experimenter")
+    cookie = {"Cookie": headers["set-cookie"].split(";")[0], "Origin": f"http://{served.host}"}
+
+    def post(**form):
+        return get(served, "/experimenter", "POST", urlencode(form), **cookie)
+
+    with served.socket("study") as socket:
+        send(socket, "participant", number=23, resume=False)
+        messages(socket, "step")
+        assert post(number=23, action="note", text="too early")[0] == 303
+        send(socket, "consent", step=1)
+        messages(socket, "step")
+        send(socket, "device", name="touch", scan_period=1.0)
+        send(socket, "begin")
+        while messages(socket, "picture")["t"] < 0.3:
+            send(socket, "stick", forward=0.3, left=0.0, by="touch")
+        assert post(number=23, action="abort", text="")[0] == 303
+        again = messages(socket, "step")
+        assert (again["outcome"], again["task"]) == ("aborted", "hall")
+        assert post(number=23, action="adverse_event", text="<dizzy>")[0] == 303
+        body = get(served, "/experimenter", **cookie)[2].decode()
+        assert "1 of 9" in body
+        assert "&lt;dizzy&gt;" in body
+    until_left(served, 23)
+    assert post(number=23, action="note", text="came back")[0] == 303
+    for form in ({"action": "note"}, {"action": "fly", "text": "x"}, {"action": "abort"}):
+        assert post(number=23, **form)[0] == 400
+    assert b"has not begun" in post(number=999, action="note", text="x")[2]
+    one = of(served, 23)
+    assert [(of["kind"], of["text"]) for of in one.remarks] == [
+        ("note", "too early"), ("adverse_event", "<dizzy>"), ("note", "came back"),
+    ]  # fmt: skip
+    assert [attempt["outcome"] for attempt in one.attempts] == [ABORTED]
+
+
+def until_left(served, number):
+    assert wait_until(lambda: number not in served.studio.desk.open)
+
+
+def test_a_killed_program_leaves_the_attempt_and_frees_the_number(tmp_path):
+    """Killed in mid-drive, without any time to write."""
+    plan = Protocol("Rooms", "Yes.", (Condition("help"),), (Task("room"),), nasa_tlx=False)
+    session = Session(tmp_path, plan, 4)
+    session.consent()
+    session.start("drive.mcap", "touch")
+    session.close()
+    program = (
+        "import pathlib, sys; from agents.people.chain import Chain; "
+        "chain = Chain(pathlib.Path(sys.argv[1])); print('open', flush=True); sys.stdin.read()"
+    )
+    words = [sys.executable, "-c", program, session.folder / "steps.jsonl"]
+    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=ROOT) as other:
+        assert other.stdout.readline() == b"open\n"
+        with pytest.raises(InputError, match="participant 4 is open in another tab or program"):
+            Session(tmp_path, plan, 4)
+        other.kill()
+    session = Session(tmp_path, plan, 4)
+    (attempt,) = session.progress.attempts
+    assert (attempt["outcome"], attempt["recording"]) == (CUT_OFF, "drive.mcap")
+    assert session.next().key == "help/room"
+    session.close()
+
+
+class Scripted(StudySession):
+    """A page without a server: a simulated person reads what it gets and sends what pages send."""
+
+    def __init__(self, desk, number):
+        self.got = []
+        self.show = lambda head, _: self.got.append(("picture", head))
+        self.send = lambda kind, /, **content: self.got.append((kind, content))
+        ready = threading.Event()
+        ready.set()
+        super().__init__(desk, self, ready)
+        self._thread.join()
+        self.tell("participant", number=number, resume=False)
+
+    def _run(self):
+        """Nothing: `tell` handles a message at once."""
+
+    def tell(self, kind, **content):
+        self.receive(read_message(json.dumps({"type": kind, **content}), self.fields))
+        if kind != "stick":
+            self._handle(0.0)
+
+    def take_part(self, skill, patience=10**6):
+        """Do this number of steps, at most; the last messages tell what is due."""
+        while self.got[-1][0] == "step" and patience:
+            patience -= 1
+            step = self.got[-1][1]
+            if step["kind"] == "consent":
+                self.tell("consent", step=step["number"])
+            elif step["kind"] == "answers":
+                values = [values[len(values) // 2] for *_, values in step["items"]]
+                self.tell("answer", values=values, step=step["number"])
+            else:
+                self.tell("device", name="touch", scan_period=1.0)
+                self.tell("begin")
+                world = next(content for kind, content in self.got[::-1] if kind == "world")
+                while self._drive is not None:
+                    pose = self.got[-1][1]["pose"]
+                    dx, dy = (world["goal"] - pose)[:2]
+                    turn = math.remainder(math.atan2(dy, dx) - pose[2], math.tau)
+                    left = max(-1.0, min(1.0, 2.0 * skill * turn))
+                    self.tell("stick", forward=skill * (abs(turn) < 1.0), left=left, by="touch")
+                    self._step(self._drive)
+
+
+@pytest.mark.parametrize("people", long_but([4, 12], [4]))
+def test_a_complete_study_with_two_dropouts_and_a_deletion(people, tmp_path, capsys):
+    """From the pages' own messages to data, dictionary, report and tombstone."""
+    scene = room_map(tmp_path, goal=2.0)
+    tasks = [Task(name, scene) for name in ("a", "b", "c")[: 1 if people < 12 else 3]]
+    conditions = Condition("direct", "direct"), Condition("shield"), Condition("dwa", "shared_dwa")
+    plan = Protocol(
+        "Rooms", "Yes.", conditions, tuple(tasks), (Task("hall", scene),),
+        practice_until="arrived", seed=3, language="es",
+        questionnaires=(Questionnaire("=trust", ("I felt safe.",)),),
+    )  # fmt: skip
+    desk = Desk(tmp_path / "data", plan)
+    for number in range(1, people + 1):
+        page = Scripted(desk, number)
+        if number == 2:
+            page.take_part(0.6, patience=4)
+            page.tell("withdraw")
+        page.take_part(0.5 + 0.4 * number / people, patience=3 if number == 3 else 10**6)
+        page._leave()
+    people_of = read_folder(desk.folder)[1]
+    assert [one.state for one in people_of] == [
+        {2: State.WITHDRAWN, 3: State.UNDER_WAY}.get(k, State.FINISHED)
+        for k in range(1, people + 1)
+    ]  # fmt: skip
+    assert len({tuple(step.key for step in one.steps) for one in people_of}) > 2
+    assert all(one["outcome"] == "success" for who in people_of for one in who.attempts)
+    assert main(["report", str(desk.folder), "--bom"]) == 0
+    assert (
+        f"{people} participants, {people - 2} did every step"
+        in (desk.folder / "report.html").read_text()
+    )
+    found = {}
+    for name in ("data", "wide", "attempts", "dictionary"):
+        text = (desk.folder / f"{name}.csv").read_text("utf-8-sig")
+        found[name] = list(csv.DictReader(text.splitlines()))
+    assert len(found["wide"]) == people
+    defined = {(row["table"], row["name"]): row for row in found["dictionary"]}
+    for row in found["data"]:
+        assert defined[row["source"], row["measure"]]["unit"] == row["unit"]
+    assert {name for _, name in defined} >= {*found["data"][0], *found["attempts"][0]}
+    assert {row["source"] for row in found["data"]} == {"drive", "nasa_tlx", "'=trust"}
+    times = [float(row["value"]) for row in found["data"] if row["measure"] == "time"]
+    wide = [float(v) for row in found["wide"] for k, v in row.items() if v and "time [s]" in k]
+    assert sorted(times) == sorted(wide)
+    assert all(row["start"] <= row["end"] for row in found["attempts"])
+    assert main(["participants", "delete", str(desk.folder), "2", "--yes"]) == 0
+    assert main(["participants", "check", str(desk.folder)]) == 0
+    assert "every checksum is right" in capsys.readouterr().out
+    assert not list(desk.folder.glob("*0002/*"))
+
+
+@pytest.mark.parametrize("cut", ["socket", "reload"])
+def test_answers_stay_in_the_page_until_they_are_stored(opened, cut):
+    """Over a closed socket, a reload, and a disk that is full for a while."""
+    served, page = opened
+    number = {"socket": 24, "reload": 25}[cut]
+    session = Session(served.studio.folder, served.studio.desk.protocol, number)
+    session.consent()
+    for _ in range(2):
+        session.drive(session.next(), lambda _: {"outcome": "success", "success": True})
+    session.close()
+    page.evaluate("sessionStorage.clear()")
+    page.reload()
+    until(page, "window.studio?.ready && studio.title")
+    page.fill("#number", f"{number}")
+    page.keyboard.press("Enter")
+    page.click("#yes")
+    until(page, "document.querySelectorAll('.panel fieldset').length == 6")
+    for k in range(6):
+        page.locator(f"input[name=q{k}]").nth(k).check()
+    with pytest.MonkeyPatch.context() as full:
+        full.setattr("os.fsync", raise_full)
+        page.click("#go")
+        until(page, "document.getElementById('error').textContent.includes('cannot be written')")
+    assert page.is_visible("#error")
+    if cut == "reload":
+        page.reload()
+    else:
+        page.evaluate("studio.link.socket.close()")
+    until(page, "document.querySelectorAll('.panel fieldset').length == 2")  # sent again by itself
+    answers = of(served, number).done["help 0/nasa_tlx"]["answers"]
+    assert list(answers.values()) == [0, 5, 10, 15, 20, 25]
+    kinds = [one["kind"] for one in read_chain(session.folder / "steps.jsonl")[0]]
+    assert kinds[-2:] == ["opened", "answers"]
+    page.click("#rest")
+    page.click("#go[data-t=resume]")
+    until(page, "document.querySelectorAll('.panel fieldset').length == 2")
+    page.click("#withdraw")
+    page.click("#no")
+    until(page, "document.querySelectorAll('.panel fieldset').length == 2")
+    page.click("#withdraw")
+    axe(page)
+    page.click("#yes")
+    until(page, "document.querySelector('[data-t=study_ended]')")
+    assert of(served, number).state == State.WITHDRAWN
+
+
+def raise_full(_):
+    raise OSError(errno.ENOSPC, "No space left on device")
 
 
 def test_the_environment_of_a_task_is_set_in_its_scene(tmp_path):
@@ -251,9 +554,9 @@ def test_the_environment_of_a_task_is_set_in_its_scene(tmp_path):
             ordered.append(order)
 
     box = SimpleNamespace(send=lambda *_, **__: None)
-    session = Asked(plan, tmp_path, box, threading.Event())
-    session.on_participant({"number": 1})
-    session.on_consent({})
+    session = Asked(Desk(tmp_path, plan), box, threading.Event())
+    session.on_participant({"number": 1, "resume": False})
+    session.on_consent({"step": 1})
     session.on_device({"name": "keyboard", "scan_period": 1.0})
     session.on_begin({})
     session.close()

@@ -1,0 +1,155 @@
+"""Folder of an experiment: its protocol with amendments, and the records of its participants.
+
+A participant's chain and recordings are in a folder of their own. A deleted participant leaves a
+tombstone, so that the number is not used again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+
+from agents.evaluation.provenance import now, write_json
+from agents.people.chain import Chain, read_chain
+from agents.people.progress import Progress
+from agents.people.protocol import Protocol
+from wheelchair_gym.base.settings import InputError, dump, load, read_json
+
+PROTOCOL, STEPS, TOMBSTONE = "protocol.json", "steps.jsonl", "deleted_{:04d}.json"
+DATA, WIDE, ATTEMPTS, DICTIONARY, PAGE = (
+    "data.csv", "wide.csv", "attempts.csv", "dictionary.csv", "report.html",
+)  # fmt: skip
+LARGEST = 9999  # number of a participant
+# Texts of a protocol, which an amendment may correct.
+_TEXTS: Final = re.compile(r"title|consent|.*\.text|questionnaires\..*\.(statements\.\d+|low|high)")
+
+
+def read_protocol(path: str | Path) -> Protocol:
+    """Read the protocol of a file.
+
+    Raises:
+        InputError: the file cannot be read, or a setting in it is wrong.
+    """
+    return load(Protocol, read_json(path), Path(path).name)
+
+
+def digest_of(protocol: Protocol) -> str:
+    """Return the SHA-256 checksum of a protocol."""
+    return hashlib.sha256(json.dumps(dump(protocol), sort_keys=True).encode()).hexdigest()
+
+
+def current_protocol(folder: Path) -> Protocol:
+    """Read the protocol of a folder, with the texts of its latest amendment.
+
+    Raises:
+        InputError: it is no folder of an experiment, or a file in it is damaged.
+    """
+    if not (folder / PROTOCOL).exists():
+        raise InputError(f"{folder}: no folder of an experiment; expected {PROTOCOL} in it")
+    amendments = sorted(folder.glob("amendment_*.json"))
+    if not amendments:
+        return read_protocol(folder / PROTOCOL)
+    content = read_json(amendments[-1])
+    if not isinstance(content, dict) or "protocol" not in content:
+        raise InputError(f"{amendments[-1]}: expected at, changed and protocol")
+    return load(Protocol, content["protocol"], amendments[-1].name)
+
+
+def claim(folder: Path, protocol: Protocol) -> str:
+    """Write the protocol to its folder, or an amendment of its texts; return its checksum.
+
+    Raises:
+        InputError: the folder belongs to another experiment.
+    """
+    if not (folder / PROTOCOL).exists():
+        write_json(folder / PROTOCOL, dump(protocol))
+    elif (before := current_protocol(folder)) != protocol:
+        changed = list(_changes(dump(before), dump(protocol)))
+        for key in changed:
+            if not _TEXTS.fullmatch(key):
+                raise InputError(
+                    f"{folder} holds data of another protocol: {key} differs, and only texts can "
+                    "be amended; expected another folder (--out)"
+                )
+        number = len(list(folder.glob("amendment_*.json"))) + 1
+        content = {"at": now(), "changed": changed, "protocol": dump(protocol)}
+        write_json(folder / f"amendment_{number:03d}.json", content)
+    return digest_of(protocol)
+
+
+def _changes(before: Any, after: Any, name: str = "") -> Iterator[str]:
+    """Yield the names of the values that differ; lists of other lengths differ as a whole."""
+    if isinstance(before, list | tuple) and isinstance(after, list | tuple):
+        before, after = dict(enumerate(before)), dict(enumerate(after))
+    if isinstance(before, dict) and isinstance(after, dict) and set(before) == set(after):
+        for key, value in before.items():
+            yield from _changes(value, after[key], f"{name}.{key}" if name else str(key))
+    elif before != after:
+        yield name
+
+
+def folder_of(folder: Path, participant: int) -> Path:
+    """Return the folder of a participant.
+
+    Raises:
+        InputError: the number is none, or was deleted.
+    """
+    if not 1 <= participant <= LARGEST:
+        raise InputError(f"participant {participant}: expected a number from 1 to {LARGEST}")
+    if (tombstone := folder / TOMBSTONE.format(participant)).exists():
+        raise InputError(f"participant {participant} was deleted ({tombstone}); use another number")
+    return folder / f"participant_{participant:04d}"
+
+
+def progress_of(folder: Path, protocol: Protocol, participant: int) -> Progress:
+    """Read how far a participant is.
+
+    Raises:
+        InputError: the number is none or was deleted, or the records are damaged.
+    """
+    path = folder_of(folder, participant) / STEPS
+    records = read_chain(path)[0] if path.exists() else []
+    return Progress(protocol, participant, records)
+
+
+def read_folder(folder: str | Path) -> tuple[Protocol, list[Progress]]:
+    """Read the protocol of an experiment and the records of all its participants.
+
+    Raises:
+        InputError: it is no folder of an experiment, or a file in it is damaged.
+    """
+    folder = Path(folder)
+    protocol = current_protocol(folder)
+    stores = sorted(folder.glob(f"participant_{4 * '[0-9]'}/{STEPS}"))
+    people = [progress_of(folder, protocol, int(path.parent.name[-4:])) for path in stores]
+    return protocol, [one for one in people if one.last]
+
+
+def delete(folder: Path, participant: int) -> int:
+    """Delete everything of a participant, leave a tombstone, and return the number of files.
+
+    Tables and reports of the folder hold the participant's figures, so they are deleted, too.
+
+    Raises:
+        InputError: there is nothing of the participant, or their session is open.
+    """
+    current_protocol(folder)
+    tombstone = folder / TOMBSTONE.format(participant)
+    own = folder / f"participant_{participant:04d}"
+    files = [path for path in own.rglob("*") if not path.is_dir()]
+    if not files:
+        raise InputError(f"{folder} holds nothing of participant {participant}")
+    Chain(own / STEPS).close()  # nobody writes
+    exports = [folder / name for name in (DATA, WIDE, ATTEMPTS, PAGE)]
+    files += [path for path in exports if path.exists()]
+    if not tombstone.exists():  # it was interrupted
+        write_json(tombstone, {"participant": participant, "at": now(), "files": len(files)})
+    for path in files:
+        path.unlink()
+    shutil.rmtree(own)
+    return len(files)

@@ -1,0 +1,98 @@
+"""The experimenter's page: progress of all participants, remarks about them, and abort of a drive.
+
+It has a token of its own, which opens nothing else; the participants' token does not open it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+from urllib.parse import parse_qs
+
+from agents.evaluation.tables import templates
+from agents.people.folder import claim, progress_of, read_folder
+from agents.people.protocol import Protocol
+from agents.people.session import Session
+from wheelchair_gym.base.settings import InputError
+
+HOME: Final = "/experimenter"
+REMARKS: Final = ("note", "adverse_event")
+_LONGEST = 20_000  # bytes of a remark
+
+
+class Desk:
+    """The sessions of an experiment that pages have open, and its folder.
+
+    Args:
+        folder: of the data.
+        protocol: the experiment.
+
+    Attributes:
+        open: the page session of each participant with an open page, by number.
+    """
+
+    def __init__(self, folder: Path, protocol: Protocol) -> None:
+        claim(folder, protocol)
+        self.folder, self.protocol = folder, protocol
+        self.open: dict[int, Any] = {}
+
+    def act(self, number: int, action: str, text: str) -> None:
+        """Record a remark about a participant, or abort the drive of one whose page is open.
+
+        Raises:
+            InputError: the number has no records, the text is empty, or it cannot be written.
+        """
+        page = self.open.get(number)
+        if action == "abort":
+            if page is None:
+                raise InputError(f"participant {number} has no page open")
+            page.receive({"type": "abort"})
+            return
+        if action not in REMARKS or not text.strip():
+            raise InputError("expected a text, and note or adverse_event")
+        if page is not None:
+            page.remark(action, text)
+            return
+        if not progress_of(self.folder, self.protocol, number).last:
+            raise InputError(f"participant {number} has not begun")
+        session = Session(self.folder, self.protocol, number)
+        try:
+            session.mark(action, text=text)
+        finally:
+            session.close()
+
+    def page(self, error: str = "") -> str:
+        """Return the page as HTML."""
+        people = read_folder(self.folder)[1]
+        rows = [one.row() | {"open": one.participant in self.open} for one in people]
+        said = [
+            remark | {"participant": one.participant} for one in people for remark in one.remarks
+        ]
+        return templates().get_template("experimenter.html").render(
+            title=self.protocol.title, rows=rows, error=error, home=HOME,
+            remarks=sorted(said, key=lambda remark: str(remark["at"]), reverse=True),
+        )  # fmt: skip
+
+    def routes(self, body: Callable[[Any, int], Any]) -> list[Any]:
+        """Return the routes of the page; `body` reads a request of limited length."""
+        from starlette.responses import FileResponse, HTMLResponse, RedirectResponse
+        from starlette.routing import Route
+
+        def shown(request: Any) -> Any:
+            return HTMLResponse(self.page())
+
+        async def act(request: Any) -> Any:
+            form = parse_qs((await body(request, _LONGEST)).decode("utf-8", "replace"))
+            number, action, text = (form.get(key, [""])[0] for key in ("number", "action", "text"))
+            try:
+                self.act(int(number) if number.isdecimal() else 0, action, text)
+            except InputError as error:
+                return HTMLResponse(self.page(str(error)), 400)
+            return RedirectResponse(HOME, 303)
+
+        look = Path(__file__).with_name("page") / "style.css"
+        return [
+            Route(HOME, shown), Route(HOME, act, methods=["POST"]),
+            Route(f"{HOME}/style.css", lambda request: FileResponse(look)),
+        ]  # fmt: skip
