@@ -23,7 +23,11 @@ def read(given: argparse.Namespace) -> int:
 def remove(given: argparse.Namespace) -> int:
     """Delete everything of a participant, after a confirmation."""
     question = f"delete all data of participant {given.number} in {given.folder}? [y/N] "
-    if not given.yes and input(question).strip().lower() not in ("y", "yes"):
+    try:
+        sure = given.yes or input(question).strip().lower() in ("y", "yes")
+    except EOFError:  # nobody is there to answer
+        sure = False
+    if not sure:
         raise InputError("nothing was deleted; expected y, or --yes")
     files = delete(Path(given.folder), given.number)
     print(f"deleted {count(files, 'file')}; the number {given.number} is not used again")
