@@ -10,6 +10,7 @@ from wheelchair_gym.people.drivers.live_person import IMPAIRMENTS, SIGHTS
 from wheelchair_gym.scenes import SCENES
 
 FIRST: Final = "map_file"  # scene of the first drive: the clinic of the package, soon compiled
+FIRST_ASSISTANT: Final = "shared_dwa"  # of the first drive
 STILL: Final = ("floor_plan", "clutter", "doorway")  # scenes for the twin, in which nobody moves
 MAP: Final = "map"  # the key of a person's own map
 RATES: Final = (10, 20, 40)  # Hz
@@ -77,6 +78,7 @@ def choices(found: Mapping[str, Place]) -> dict[str, Any]:
         "places": [[key, place.group, place.label] for key, place in found.items()],
         "first": MAP if MAP in found else f"scene:{FIRST}",
         "assistants": sorted(ASSISTANTS),
+        "assistant": FIRST_ASSISTANT,
         "hands": [NO_HAND, *IMPAIRMENTS],
         "sights": [NO_SIGHT, *SIGHTS],
         "rates": list(RATES),

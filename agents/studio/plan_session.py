@@ -121,11 +121,7 @@ class PlanSession(PageSession):
         self._show(name, *ends)
 
     def _stage(self, name: str) -> None:
-        """Tell how far loading is.
-
-        Raises:
-            InputError: it was cancelled.
-        """
+        """Tell how far loading is, or end it by an `InputError` where it was cancelled."""
         if self._cancelled.is_set() or self._closing.is_set():
             raise InputError("loading was cancelled; the map is as it was")
         self._out.send("loading", stage=name)

@@ -132,9 +132,9 @@ class Studio:
 
         name = request.path_params["name"]
         if not _MAP.fullmatch(name) or len(name.encode(errors="replace")) > _LONGEST:
-            expected = f"an ending .yaml, .pgm, .png, .jpg, .bmp, .map or .json, {_LONGEST} bytes "
-            expected += 'at most, no point or space at the begin, and none of / \\ < > : " | ? *'
-            return PlainTextResponse(f"expected a name with {expected}\n", 400)
+            names = f"a name of {_LONGEST} bytes at most that ends in .yaml, .pgm, .png, .jpg, .bmp, "
+            names += '.map or .json, without / \\ < > : " | ? * and no point or space at the begin'
+            return PlainTextResponse(f"expected {names}\n", 400)
         content = await _body(request, MAX_BYTES)
         folder = self.folder / UPLOADS
         folder.mkdir(parents=True, exist_ok=True)

@@ -124,7 +124,7 @@ export class DrivePage {
     }));
     this.on.assist.replaceChildren(...message.assistants.map(name => option("n", name)));
     this.on.place.value = message.first;
-    this.on.assist.value = "shared_dwa";
+    this.on.assist.value = message.assistant;
     this.on.hand.replaceChildren(...message.hands.map(name => option("h", name)));
     this.on.sight.replaceChildren(...message.sights.map(name => option("s", name)));
     this.on.rate.replaceChildren(...message.rates.map(rate => new Option(`${rate} Hz`, rate)));

@@ -208,7 +208,7 @@ def test_too_many_requests_are_refused_for_a_moment(served, standing):
 GOOD = {
     "place": "map", "seed": 1, "assist": "slide", "hand": "none", "sight": "none", "rate": 20,
     "on": True, "forward": 0.5, "left": -1, "by": "keyboard", "name": "stick", "scan_period": 1.0,
-    "width": 3.0, "height": 3.0, "resolution": 0.05, "shapes": [[0, 1, 1, 2, 2]],
+    "width": 3.0, "height": 3.0, "resolution": 0.05, "factor": 2.0, "shapes": [[0, 1, 1, 2, 2]],
     "planners": ["a_star"], "start": [1, 2], "goal": [2, 1], "clearance": 0.3, "deadline": 1.0,
     "planner": "rrt", "what": "map", "driver": "nobody", "right": "b", "run": "r", "side": "left",
     "episode": 0, "scene": "s",
