@@ -15,6 +15,7 @@ from agents.evaluation.evaluate import drive_episode, drive_on, make_env
 from agents.evaluation.metrics import Record
 from agents.policies import Policy, make_policy
 from agents.start_fit import start_fit
+from agents.watch import Each, ignore
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.settings import InputError, setting, settings
 from wheelchair_gym.geometry.planar import wrap
@@ -122,8 +123,8 @@ def deploy(
     config: Deployment,
     log: Log,
     commands: bool = False,
-    film: Callable[[Any], None] | None = None,
-    begin: Callable[[Any], None] | None = None,
+    film: Each = ignore,
+    begin: Each = ignore,
 ) -> Record:
     """Drive a real chair to an episode's goal.
 
@@ -147,11 +148,10 @@ def deploy(
 
     def watch(now: Any) -> bool:
         nonlocal steps
-        if begin is not None and steps == 0:
+        if steps == 0:
             begin(now)
         steps += 1
-        if film is not None:
-            film(now)
+        film(now)
         return events(now)
 
     capped = Capped(policy, config, lambda: shield.latched if shield else "")

@@ -22,6 +22,10 @@ if TYPE_CHECKING:
 Each = Callable[[Any], None]  # called with the environment after reset and each step
 
 
+def ignore(*_: Any) -> None:
+    """Do nothing, where nobody watches."""
+
+
 @dataclass(frozen=True)
 class Watch:
     """The recording and the viewers of a drive; neither by default."""
@@ -43,7 +47,7 @@ class Watch:
         suffix = ".mcap" if self.format == "foxglove" else ""  # a bag is a folder
         return replace(self, record=str(Path(self.record) / f"{name}{suffix}"))
 
-    def on(self, env: Any, film: Each | None = None) -> tuple[Any, Each | None]:
+    def on(self, env: Any, film: Each = ignore) -> tuple[Any, Each]:
         """The recorded environment, and the function to call after reset and each step.
 
         Raises:
@@ -67,7 +71,7 @@ class Watch:
     def on_log(self, log: SensorLog, laser: LaserSettings) -> Iterator[Callable[[Slam], None]]:
         """The function to call after each scan of a log."""
         if not self:
-            yield lambda slam: None
+            yield ignore
             return
         from wheelchair_gym.recording.record import REFRESH_PERIOD
         from wheelchair_gym.recording.sink import Sink
@@ -104,7 +108,7 @@ class Watch:
             out.close()
 
 
-def _paced(period: float, film: Each | None) -> Each:
+def _paced(period: float, film: Each) -> Each:
     """Called once a control period [s]: waits for real time, then films."""
     begun, calls = time.perf_counter(), 0
 
@@ -112,7 +116,6 @@ def _paced(period: float, film: Each | None) -> Each:
         nonlocal calls
         calls += 1
         time.sleep(max(0.0, begun + calls * period - time.perf_counter()))
-        if film is not None:
-            film(env)
+        film(env)
 
     return each

@@ -1,7 +1,5 @@
 """Laws of settings: strict, bounded, named in errors, and back again from JSON."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math

@@ -1,7 +1,5 @@
 """Laws of approaching a speed."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from wheelchair_gym.geometry.kinematics import approach

@@ -1,7 +1,5 @@
 """Other people's code: named by module:Class or by an entry point, and refused in one line."""
 
-from __future__ import annotations
-
 import importlib.metadata
 import json
 import math

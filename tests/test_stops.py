@@ -1,7 +1,5 @@
 """Laws of the table of stops: it has every message of a part, and nothing goes on by mistake."""
 
-from __future__ import annotations
-
 import pytest
 
 from wheelchair_gym.hardware.boards.protocol import Fault

@@ -1,7 +1,5 @@
 """Figures in pages are those of the result files, and these count what comparisons found."""
 
-from __future__ import annotations
-
 import json
 import re
 import runpy

@@ -107,10 +107,9 @@ def scene_cases(only: Sequence[str] = ()) -> list[Case]:
     for name in wanted:
         try:
             cases.append(scene_case(name))
-        except InputError:
+        except InputError:  # of a scene of recorded worlds, which are not part of the project
             if only:
                 raise
-            continue  # a scene of recorded worlds, which are not part of the project
     return cases
 
 

@@ -174,9 +174,8 @@ def make_entrants(specs: Sequence[Any], peers: Sequence[str]) -> list[Entrant]:
         planner = make_planner(values)
         calls = called_planners(planner)
         timed = "deadline" in inspect.signature(planner.plan).parameters
-        found.append(
-            Entrant(label, planner, with_iterations(planner, UNLIMITED), timed=timed, calls=calls)
-        )
+        unlimited = with_iterations(planner, UNLIMITED)
+        found.append(Entrant(label, planner, unlimited, timed=timed, calls=calls))
     small = Case(small_problem(), None, "unknown")
     for name in peers:
         peer, package = PEERS[name], package_of(name)
@@ -195,12 +194,8 @@ def select_peers(wanted: Sequence[str] | None) -> tuple[list[str], list[str]]:
     for name in wanted or ():
         if name not in PEERS:
             raise InputError(f"peer {name!r} is unknown; there are {', '.join(PEERS)}")
-    packages = sorted(set(map(package_of, PEERS)))
-    missing = {
-        package: f"{package} is not installed: pip install '{EXTRA}'"
-        for package in packages
-        if not installed(package)
-    }
+    absent = [one for one in sorted(set(map(package_of, PEERS))) if not installed(one)]
+    missing = {one: f"{one} is not installed: pip install '{EXTRA}'" for one in absent}
     for name in wanted or ():
         if package_of(name) in missing:
             raise InputError(f"peer {name}: {missing[package_of(name)]}")

@@ -10,6 +10,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -31,14 +32,13 @@ Row = dict[str, Any]
 
 def bench_settings(beams: int, bank: int) -> EnvSettings:
     """Floor plans, 10 Hz, ten physics steps, noise, and a laser with this number of beams."""
-    return env_settings(
-        {
-            "scene": "floor_plan",
-            "bank": {**BANK, "size": bank},
-            "sensors": {"laser": {"beams": beams}, "pose_source": "modelled"},
-            "task": {"beams": beams, "time_base": EPISODE / 10, "time_factor": 0.0},
-        }
-    )
+    chosen = {
+        "scene": "floor_plan",
+        "bank": {**BANK, "size": bank},
+        "sensors": {"laser": {"beams": beams}, "pose_source": "modelled"},
+        "task": {"beams": beams, "time_base": EPISODE / 10, "time_factor": 0.0},
+    }
+    return env_settings(chosen)
 
 
 def measure_bank(worlds: WorldBank, size: int) -> tuple[float, float]:
@@ -161,14 +161,13 @@ def measure_driver(
     threads: Sequence[int], *, bank: int, seconds: float,
 ) -> Iterator[Row]:  # fmt: skip
     """Rows of figures of batches with a person, and an assistant, beside those without."""
-    for count in beams:
-        for n in envs:
-            for used in [t for t in threads if t <= n]:
-                rates = driver_rates(driver, assistant, count, bank, n, used, seconds)
-                names = {"driver": driver, "assistant": f"{driver}, {assistant}"}
-                for name, found in rates.items():
-                    row = _row(names.get(name, name), count, n, used, found, None)
-                    yield row | {"share": {k: found / rates[k] for k in ("plain", "shield")}}
+    names = {"driver": driver, "assistant": f"{driver}, {assistant}"}
+    for count, n, used in product(beams, envs, threads):
+        if used <= n:
+            rates = driver_rates(driver, assistant, count, bank, n, used, seconds)
+            for name, found in rates.items():
+                row = _row(names.get(name, name), count, n, used, found, None)
+                yield row | {"share": {k: found / rates[k] for k in ("plain", "shield")}}
 
 
 def startup_times() -> tuple[float, float]:
@@ -178,13 +177,11 @@ def startup_times() -> tuple[float, float]:
         f"gymnasium.make({ENV!r}).reset(seed=0); print(time.perf_counter() - t)"
     )
     with tempfile.TemporaryDirectory() as cache:
-        environment = {**os.environ, "NUMBA_CACHE_DIR": cache}
+        env = {**os.environ, "NUMBA_CACHE_DIR": cache}
 
         def start() -> float:
             command = [sys.executable, "-c", code]
-            done = subprocess.run(
-                command, env=environment, capture_output=True, text=True, check=True
-            )
+            done = subprocess.run(command, env=env, capture_output=True, text=True, check=True)
             return float(done.stdout.split()[-1])
 
         return start(), start()

@@ -20,9 +20,8 @@ from wheelchair_gym.types import Episode
 
 def wall_loops(walls: np.ndarray[Any, Any]) -> list[list[list[float]]]:
     """Walls (n, 4) as the longest possible polylines."""
-    merged = shapely.line_merge(
-        shapely.MultiLineString(np.asarray(walls).reshape(-1, 2, 2).tolist())
-    )
+    lines = np.asarray(walls).reshape(-1, 2, 2).tolist()
+    merged = shapely.line_merge(shapely.MultiLineString(lines))
     return [np.array(line.coords).tolist() for line in getattr(merged, "geoms", [merged])]
 
 

@@ -7,6 +7,7 @@ import dataclasses
 import gc
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import product
 from pathlib import Path
 from time import perf_counter, process_time
 from typing import Any
@@ -14,14 +15,7 @@ from typing import Any
 import numpy as np
 
 from agents import is_interrupt, read_data
-from agents.benchmarks.cases import (
-    MARGIN,
-    SEED,
-    Case,
-    scene_case,
-    scene_cases,
-    stored_cases,
-)
+from agents.benchmarks import cases
 from agents.benchmarks.entrants import (
     UNLIMITED,
     Entrant,
@@ -129,15 +123,10 @@ def summarise(
 ) -> list[Row]:
     """A row for each entrant on each problem of `optima`, and on all."""
     rows = []
-    for problem in [ALL, *optima] if len(optima) > 1 else optima:
-        for entrant in entrants:
-            of = [
-                record
-                for record in records
-                if record["planner"] == entrant.name and problem in (ALL, record["problem"])
-            ]
-            if any(record["budget"] == FREE for record in of):
-                rows.append(summary_row(entrant, problem, of, optima, deadlines))
+    for problem, entrant in product([ALL, *optima] if len(optima) > 1 else optima, entrants):
+        of = [r for r in records if r["planner"] == entrant.name and problem in (ALL, r["problem"])]
+        if any(record["budget"] == FREE for record in of):
+            rows.append(summary_row(entrant, problem, of, optima, deadlines))
     return rows
 
 
@@ -148,13 +137,8 @@ def ranking(rows: Sequence[Row], deadline: float) -> list[Row]:
     """
     solved, ratio = (f"{name}_{deadline_key(deadline)}" for name in ("success", "ratio"))
     excluded = "calls", "invalid", "crashed"
-    eligible = [
-        row
-        for row in rows
-        if row["problem"] == rows[0]["problem"]
-        and not any(row[key] for key in excluded)
-        and row[ratio] is not None
-    ]
+    first = [row for row in rows if row["problem"] == rows[0]["problem"]]
+    eligible = [r for r in first if r[ratio] is not None and not any(r[key] for key in excluded)]
     return sorted(eligible, key=lambda row: (-row[solved], row[ratio]))
 
 
@@ -193,15 +177,11 @@ def tables_text(rows: Sequence[Row], deadlines: Sequence[float], full: bool) -> 
         keys += [f"ratio_{deadline_key(deadline)}" for deadline in deadlines[-3:]]
         heads, written = [column for column in heads if column.key in keys], Table.text
     for problem in dict.fromkeys(row["problem"] for row in rows):
-        body = [
-            [Cell(entrant_title(row)), *(column.cell(row) for column in heads)]
-            for row in rows
-            if row["problem"] == problem
-        ]
+        of = [row for row in rows if row["problem"] == problem]
+        body = [[Cell(entrant_title(row)), *(column.cell(row) for column in heads)] for row in of]
         table = Table("", [Column("planner", "planner", None), *heads], [body])
-        text += (
-            f"## {'all problems' if problem == ALL else problem}\n\n{written(table).rstrip()}\n\n"
-        )
+        title = "all problems" if problem == ALL else problem
+        text += f"## {title}\n\n{written(table).rstrip()}\n\n"
     for deadline in deadlines:
         ratio = f"ratio_{deadline_key(deadline)}"
         names = [f"{row['planner']} {row[ratio]:.4f}" for row in ranking(rows, deadline)]
@@ -217,7 +197,7 @@ TERMS = [
 ]
 
 Budget = str | float  # COLD, FREE, or a deadline [s]
-Job = tuple[Entrant, Case, int, Budget]
+Job = tuple[Entrant, cases.Case, int, Budget]
 
 
 @contextlib.contextmanager
@@ -241,7 +221,7 @@ def one_core() -> Iterator[int | None]:
                 os.environ[name] = value
 
 
-def run_once(planner: Any, case: Case, seed: int, budget: Budget) -> Record:
+def run_once(planner: Any, case: cases.Case, seed: int, budget: Budget) -> Record:
     """The record of one run of a planner that is prepared for the map, with the judge's faults."""
     problem = case.fresh_problem() if budget == COLD else case.problem
     deadline = None if isinstance(budget, str) else budget
@@ -274,7 +254,7 @@ def run_once(planner: Any, case: Case, seed: int, budget: Budget) -> Record:
     return record | path_figures(plan.path, problem) | {"faults": len(faults), "why": faults[:1]}
 
 
-def _first_path_by_replay(planner: Any, case: Case, seed: int, plan: Plan) -> Record:
+def _first_path_by_replay(planner: Any, case: cases.Case, seed: int, plan: Plan) -> Record:
     """Time of the first path, by a run that ends at its iteration, where that is reported."""
     first = plan.counters.get("first_path_iterations")
     if first is None or not dataclasses.is_dataclass(planner):
@@ -330,22 +310,20 @@ class PlannerBenchmark:
             check_result(file)
         self.deadlines = sorted(deadlines)
         if scenes:
-            self.cases = [scene_case(scene) for scene in scenes]
+            self.cases = [cases.scene_case(scene) for scene in scenes]
         else:
-            self.cases = stored_cases(problems, only) if problems else scene_cases(only)
+            self.cases = cases.stored_cases(problems, only) if problems else cases.scene_cases(only)
         self.entrants = make_entrants(ours, peers)
         source, cpu = source_digest(), machine()["cpu"]
         self.jobs: dict[str, Job] = {}
-        for case in self.cases:
-            for seed in seeds:
-                for entrant in self.entrants:
-                    of = entrant.name, entrant.package, settings_dump(entrant.config)
-                    cold = [COLD] if seed == seeds[0] else []
-                    for budget in [*cold, FREE, *(self.deadlines if entrant.timed else ())]:
-                        key = run_key(source, cpu, *of, case.digest, seed, budget)
-                        self.jobs[key] = entrant, case, seed, budget
+        for case, seed, entrant in product(self.cases, seeds, self.entrants):
+            of = entrant.name, entrant.package, settings_dump(entrant.config)
+            cold = [COLD] if seed == seeds[0] else []
+            for budget in [*cold, FREE, *(self.deadlines if entrant.timed else ())]:
+                key = run_key(source, cpu, *of, case.digest, seed, budget)
+                self.jobs[key] = entrant, case, seed, budget
         self._settings = {
-            "problems": str(problems) if problems else f"scenes, seed {SEED}, margin {MARGIN} m",
+            "problems": str(problems or f"scenes, seed {cases.SEED}, margin {cases.MARGIN} m"),
             "seeds": list(seeds),
             "deadlines_s": self.deadlines,
             "core": core,

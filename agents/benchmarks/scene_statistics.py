@@ -7,24 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from wheelchair_gym.actors.records import (
-    ACTOR_KINDS,
-    BEHAVIOURS,
-    NOBODY,
-    PEOPLE,
-    PERSON,
-    REACTIONS,
-    REGULAR,
-    WALKS,
-)
+from wheelchair_gym.actors import records
 from wheelchair_gym.geometry.planar import path_length
 from wheelchair_gym.maps import OCCUPIED, bottleneck, geodesic
-from wheelchair_gym.scenes import Scene
-from wheelchair_gym.scenes.arena import Doorway
-from wheelchair_gym.scenes.crowd import Crowd, Temporary
-from wheelchair_gym.scenes.floor_plan import FloorPlan
-from wheelchair_gym.scenes.pedestrians import free_area
-from wheelchair_gym.scenes.poses import FOOTPRINT, passing_radius
+from wheelchair_gym.scenes import Scene, arena, crowd, floor_plan, pedestrians, poses
 from wheelchair_gym.types import Episode
 
 
@@ -42,22 +28,25 @@ def scene_statistics(scene: Scene, seeds: Iterable[int]) -> dict[str, list[float
     return {name: values for name, values in table.items() if any(values) or name in _ALWAYS}
 
 
-_HABITS = ("behaviour", BEHAVIOURS, WALKS), ("reaction", REACTIONS, REGULAR)
+_HABITS = (
+    ("behaviour", records.BEHAVIOURS, records.WALKS),
+    ("reaction", records.REACTIONS, records.REGULAR),
+)
 _ALWAYS = {"way [m]", "bottleneck margin [m]", "density", "walls", "discs", "start to goal [m]"}
 
 
 def _figures(scene: Scene, rng: np.random.Generator) -> dict[str, Any]:
     """Figures of one world: numbers, or one number for each door, corridor, person ..."""
-    moves = isinstance(scene, Crowd | Temporary)
+    moves = isinstance(scene, crowd.Crowd | crowd.Temporary)
     layout = None
-    if isinstance(scene, FloorPlan | Crowd | Temporary):
+    if isinstance(scene, floor_plan.FloorPlan | crowd.Crowd | crowd.Temporary):
         layout, episode = scene.sample_building(rng)
     else:
         episode = scene.sample(rng)
     start, goal = episode.start[:2], episode.goal[:2]
     figures: dict[str, Any] = {
-        "way [m]": geodesic(episode.map, goal, passing_radius(FOOTPRINT)).at(start),
-        "bottleneck margin [m]": bottleneck(episode.map, start, goal) - FOOTPRINT.half_width,
+        "way [m]": geodesic(episode.map, goal, poses.passing_radius(poses.FOOTPRINT)).at(start),
+        "bottleneck margin [m]": bottleneck(episode.map, start, goal) - poses.FOOTPRINT.half_width,
         "density": (episode.map.cells == OCCUPIED).mean(),
         "walls": len(episode.walls),
         "discs": len(episode.discs),
@@ -67,7 +56,7 @@ def _figures(scene: Scene, rng: np.random.Generator) -> dict[str, Any]:
         figures["door width [m]"] = layout.opening_widths[layout.is_door]
         figures["corridor width [m]"] = layout.corridor_widths
         figures["rooms"] = len(layout.rooms)
-    elif isinstance(scene, Doorway):
+    elif isinstance(scene, arena.Doorway):
         figures["door width [m]"] = scene.door_width
         figures["corridor width [m]"] = scene.corridor_width
         figures["margin round the corner [m]"] = scene.margin()
@@ -77,15 +66,15 @@ def _figures(scene: Scene, rng: np.random.Generator) -> dict[str, Any]:
 def _actor_figures(episode: Episode) -> dict[str, Any]:
     """Figures of people, doors and obstacles of one world."""
     rows = episode.actors.rows
-    of = {name: rows[rows["kind"] == kind] for kind, name in enumerate(ACTOR_KINDS)}
+    of = {name: rows[rows["kind"] == kind] for kind, name in enumerate(records.ACTOR_KINDS)}
     people, obstacles = of["person"], of["obstacle"]
-    led = np.flatnonzero((rows["kind"] == PERSON) & (rows["leader"] > 0))
-    routes = [episode.actors.route(int(k)) for k in np.flatnonzero(rows["kind"] == PERSON)]
+    led = np.flatnonzero((rows["kind"] == records.PERSON) & (rows["leader"] > 0))
+    routes = [episode.actors.route(int(k)) for k in np.flatnonzero(rows["kind"] == records.PERSON)]
     return {
         "people": len(people),
-        "people per free m2": len(people) / free_area(episode.map),
-        "people who pay no attention": (people["avoids"] == PEOPLE).sum(),
-        "crossing cylinders": (people["avoids"] == NOBODY).sum(),
+        "people per free m2": len(people) / pedestrians.free_area(episode.map),
+        "people who pay no attention": (people["avoids"] == records.PEOPLE).sum(),
+        "crossing cylinders": (people["avoids"] == records.NOBODY).sum(),
         "people in groups": len(np.union1d(led, led - rows["leader"][led])),
         "trolleys": (of["furniture"]["leader"] > 0).sum(),
         **{

@@ -8,19 +8,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from agents import read_data
 from agents.evaluation.provenance import provenance
 from agents.learning.run import Run
 from agents.learning.settings import Training
 
-# Parts of a run, and what of it they are.
-PARTS = {
-    "worlds": "worlds are drawn, or read from the bank's folder, and everything is compiled",
-    "environments": "chairs are stepped, and their next episodes are begun",
-    "actor": "actions are chosen, and the rollout or the replay buffer is filled",
-    "learning": "networks are updated",
-    "evaluation": "the actor is evaluated",
-    "saving": "curve, weights and checkpoint are written",
-}
+PARTS: dict[str, str] = read_data("training_parts.yaml")  # of a run, and what of it they are
 
 
 def measure(config: Training) -> dict[str, Any]:

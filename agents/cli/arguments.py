@@ -64,19 +64,14 @@ def map_scenes(given: argparse.Namespace) -> list[dict[str, Any]]:
             if getattr(given, name) is not None:
                 raise InputError(f"--{name} needs --map")
         return []
-    ends = {
-        name: [*pose, 0.0][:3]
-        for name, pose in (("start", given.start), ("goal", given.goal))
-        if pose is not None
-    }
+    given_ends = {key: getattr(given, key) for key in ("start", "goal")}
+    ends = {key: [*pose, 0.0][:3] for key, pose in given_ends.items() if pose is not None}
     scale = {} if given.resolution is None else {"resolution": given.resolution}
     if given.unknown == "free":
         scale["unknown_is_solid"] = False
     files = [given.map] if isinstance(given.map, str) else given.map
-    return [
-        {"name": "map_file", "path": file, **scale, **ends, "label": Path(file).stem}
-        for file in files
-    ]
+    scene = {"name": "map_file", **scale, **ends}
+    return [{**scene, "path": file, "label": Path(file).stem} for file in files]
 
 
 def scene_of(given: argparse.Namespace, default: Any = "floor_plan") -> Any:

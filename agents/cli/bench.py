@@ -9,15 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from agents import StoppedError
-from agents.cli.arguments import (
-    changed,
-    check_assist,
-    check_picture,
-    labelled,
-    map_scenes,
-    report,
-    stopped,
-)
+from agents.cli import arguments
 from agents.evaluation.provenance import command_line, write_json, write_text
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.people.assistance import make_compiled
@@ -28,7 +20,7 @@ def env(given: argparse.Namespace) -> int:
     """Measure the speed of environments; print each figure at once, and write all of them."""
     from agents.benchmarks.environments import measure, measure_driver, provenance
 
-    check_assist(given)
+    arguments.check_assist(given)
     if given.seconds <= 0.0:
         raise InputError(f"--seconds is {given.seconds:g}; expected more than 0")
     peer = not given.no_peers and importlib.util.find_spec("irsim") is not None
@@ -49,7 +41,7 @@ def env(given: argparse.Namespace) -> int:
     value = {"command": command_line(), "rows": rows, **source}
     path = Path(given.out) / "env.json"
     write_json(path, value)
-    report(given, value, str(path))
+    arguments.report(given, value, str(path))
     return 0
 
 
@@ -71,8 +63,8 @@ def train(given: argparse.Namespace) -> int:
     from agents.learning.settings import read_training
 
     content, where = training_content(given)
-    found = measure(read_training(changed(content, given.set), where, given.algorithm))
-    report(given, found, text(found))
+    found = measure(read_training(arguments.changed(content, given.set), where, given.algorithm))
+    arguments.report(given, found, text(found))
     return 0
 
 
@@ -83,12 +75,12 @@ def planners(given: argparse.Namespace) -> int:
     from agents.benchmarks.planner_benchmark import PlannerBenchmark, one_core
     from planners import PLANNERS
 
-    check_picture(given.plot)
+    arguments.check_picture(given.plot)
     asked = given.planners
     ours: list[Any] = list(PLANNERS)
     named: list[str] | None = None
     if asked is not None:
-        ours = [labelled(name) for name in asked if name not in PEERS]
+        ours = [arguments.labelled(name) for name in asked if name not in PEERS]
         named = [name for name in asked if name in PEERS] or None
     peers: list[str] = []
     if given.peers is not False and (named or given.peers or asked is None):
@@ -101,7 +93,7 @@ def planners(given: argparse.Namespace) -> int:
     with one_core() as core:
         benchmark = PlannerBenchmark(
             ours, peers, given.problems, given.only, range(given.seeds), given.deadlines, file,
-            scenes=map_scenes(given), resume=bool(given.resume), core=core,
+            scenes=arguments.map_scenes(given), resume=bool(given.resume), core=core,
         )  # fmt: skip
         try:
             benchmark.run(not given.quiet)
@@ -111,9 +103,10 @@ def planners(given: argparse.Namespace) -> int:
     if given.plot:
         draw(benchmark, benchmark.rows(), given.plot)
     if given.json == "-" or given.json not in (None, file):
-        report(given, benchmark.result(), "")
+        arguments.report(given, benchmark.result(), "")
     table = Path(file).with_suffix(".md")
     write_text(table, benchmark.text(full=True))
     if given.json != "-":
         print(f"{benchmark.text()}all columns: {table}")
-    return 0 if stop is None else stopped(stop, "" if given.resume else f" --resume {file}")
+    more = "" if given.resume else f" --resume {file}"
+    return 0 if stop is None else arguments.stopped(stop, more)

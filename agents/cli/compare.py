@@ -34,11 +34,8 @@ def scenes_of(names: Sequence[str] | None) -> list[str | dict[str, Any]]:
     found: list[str | dict[str, Any]] = []
     for name in names or ():
         if name.endswith(".json"):
-            stem = Path(name).stem
-            found += [
-                {"name": "barn", "path": name, "world": world, "label": f"{stem} {world}"}
-                for world in world_numbers(name)
-            ]
+            barn, stem = {"name": "barn", "path": name}, Path(name).stem
+            found += [{**barn, "world": n, "label": f"{stem} {n}"} for n in world_numbers(name)]
         else:
             found.append(labelled(name))
     return found

@@ -28,6 +28,7 @@ from agents.deploy import deploy as deploy_policy
 from agents.evaluation.evaluate import drive_episode, env_settings, label, make_env
 from agents.people import is_shielded
 from agents.policies import make_policy
+from agents.watch import ignore
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs.settings import env_settings as complete_env_settings
 from wheelchair_gym.geometry.outline import best_clearance_heading
@@ -69,15 +70,14 @@ def simulate(given: argparse.Namespace) -> int:
         env = make_env(scene, settings, mode)
     env.unwrapped.labels |= labels
     frames: list[Any] = []
-    film: Any = (lambda e: frames.append(e.render())) if given.video else None
+    film: Any = (lambda e: frames.append(e.render())) if given.video else ignore
     # Reports why a real chair stands, and ends a run that cannot continue.
     events = None if given.chair is None else EventLog(Deployment(), to_stderr)
     try:
         env, film = watch(given).on(env, film)
 
         def each(now: Any) -> bool:
-            if film is not None:
-                film(now)
+            film(now)
             return events is not None and events(now)
 
         record = drive_episode(env, policy, given.seed, each, episode)
@@ -242,8 +242,7 @@ def assisted(given: argparse.Namespace) -> int:
             if keys is not None:
                 keys.status = stick.why() or text or keys.status
                 keys.poll(time.monotonic())
-            if film is not None:
-                film(now)
+            film(now)
             return stamp >= end or (keys is not None and not keys.open)
 
         record = drive_with_help(env, helper, stick, episode, to_stderr, each)

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from agents import read_data
 from agents.benchmarks.scene_statistics import scene_statistics
 from agents.cli.arguments import report, spec
 from agents.cli.options import ALGORITHMS
@@ -20,34 +21,7 @@ from wheelchair_gym.base.registry import imported
 from wheelchair_gym.base.settings import InputError, dump, setting_docs, suggest
 from wheelchair_gym.scenes import SCENES, make_scene
 
-# Settings that are in no registry.
-PARTS = {
-    "bank": "wheelchair_gym.envs.settings:BankSettings",
-    "footprint": "wheelchair_gym.geometry.outline:Footprint",
-    "limits": "wheelchair_gym.geometry.kinematics:Limits",
-    "drive": "wheelchair_gym.geometry.kinematics:DriveGeometry",
-    "sensors": "wheelchair_gym.sensors.settings:SensorSettings",
-    "chair": "wheelchair_gym.sim.settings:ChairSettings",
-    "imitation": "agents.learning.settings:Imitation",
-    "level_replay": "agents.learning.level_replay:LevelReplay",
-    "recording": "wheelchair_gym.recording.record:RecordingSettings",
-    "shield": "wheelchair_gym.safety.settings:ShieldSettings",
-    "slam": "wheelchair_gym.perception.slam:SlamSettings",
-    "physics": "wheelchair_gym.sim.settings:PhysicsSettings",
-    "task": "wheelchair_gym.task.settings:TaskSettings",
-    "training": "agents.learning.settings:Training",
-    "driver": "wheelchair_gym.people.drivers:Driver",
-    "brain_computer": "wheelchair_gym.people.drivers.settings:BrainComputer",
-    "scanning": "wheelchair_gym.people.drivers.settings:Scanning",
-    "stick": "wheelchair_gym.people.drivers.settings:ProportionalStick",
-    "switches": "wheelchair_gym.people.drivers.settings:Switches",
-    "protocol": "agents.people.protocol:Protocol",
-    "condition": "agents.people.protocol:Condition",
-    "participants_task": "agents.people.protocol:Task",
-    "participants_group": "agents.people.protocol:Group",
-    "questionnaire": "agents.people.protocol:Questionnaire",
-    "cost_to_go": "wheelchair_gym.maps.cost_to_go:CostToGoSettings",
-}
+PARTS: dict[str, str] = read_data("settings.yaml")  # settings that are in no registry
 QUANTILES = {"least": 0.0, "p5": 0.05, "p50": 0.5, "p95": 0.95, "most": 1.0}
 
 
@@ -55,10 +29,8 @@ def scenes(given: argparse.Namespace) -> int:
     """List the scenes, or measure one."""
     if given.name is not None:
         return _measure(given)
-    found = [
-        {"name": name, "what": (inspect.getdoc(scene) or "").split("\n")[0]}
-        for name, scene in sorted(SCENES.items())
-    ]
+    docs = {name: inspect.getdoc(scene) or "" for name, scene in sorted(SCENES.items())}
+    found = [{"name": name, "what": doc.split("\n")[0]} for name, doc in docs.items()]
     report(given, found, "\n".join(f"{scene['name']:<16} {scene['what']}" for scene in found))
     return 0
 
@@ -158,11 +130,8 @@ def _near(name: str, classes: dict[str, type]) -> str:
         return f"; {'imitation' if name == 'bc' else 'training'} has those of `train {name}`"
     if near := suggest(name.lower(), classes):
         return near
-    holders = [
-        each
-        for each, cls in classes.items()
-        if any(field.name == name for field in dataclasses.fields(cls))
-    ]
+    parts = {key: [f.name for f in dataclasses.fields(cls)] for key, cls in classes.items()}
+    holders = [each for each, fields in parts.items() if name in fields]
     if holders:
         return f"; {name} is a setting of {', '.join(holders)}"
     return "; `wheelchair settings` lists all names"

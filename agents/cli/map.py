@@ -63,9 +63,8 @@ def _explored(given: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
                 bar.update(env.unwrapped.task.reading.stamp - bar.n)
 
             env, each = watch(given).on(env, count_seconds)
-            made = map_by_driving(
-                env, policy, given.seed, given.time, each or count_seconds, real=bool(given.chair)
-            )
+            real = bool(given.chair)
+            made = map_by_driving(env, policy, given.seed, given.time, each, real=real)
     finally:
         env.close()
     write_map(made.grid, Path(given.out) / "map.yaml")
@@ -147,10 +146,8 @@ def convert(given: argparse.Namespace) -> int:
     grid = read_grid(given.file, resolution=given.resolution)
     write_map(grid, out)
     rows, columns = grid.shape
-    size = [columns * grid.resolution, rows * grid.resolution]
+    size = width, height = [columns * grid.resolution, rows * grid.resolution]
     value = {"file": str(out), "resolution": grid.resolution, "size": size, "origin": grid.origin}
-    text = (
-        f"{out}: {size[0]:g} m x {size[1]:g} m, {columns} x {rows} cells of {grid.resolution:g} m"
-    )
+    text = f"{out}: {width:g} m x {height:g} m, {columns} x {rows} cells of {grid.resolution:g} m"
     report(given, value, text)
     return 0

@@ -164,9 +164,8 @@ def _run_map(
         print(f"wheelchair: plan: {INVALID}: {why}", file=sys.stderr)
         return 1
     if plan.status is Status.SOLVED:
-        text = (
-            f"solved: {plan.length:.3f} m, {len(plan.path)} points, {1e3 * answer['time_s']:.1f} ms"
-        )
+        spent = 1e3 * answer["time_s"]
+        text = f"solved: {plan.length:.3f} m, {len(plan.path)} points, {spent:.1f} ms"
         if isinstance(planner, Visibility) and clearance > 0.0:
             bounds = optima(problem)
             answer |= {"touching": bounds.touching, "lower_bound": bounds.lower_bound}
@@ -200,10 +199,8 @@ def _run_map(
         raise InputError(f"plan: {plan.status}: the {name} {where} {what}")
     none = "there is no path" if plan.status is Status.NO_PATH else "no path was found"
     why = f": {plan.note}" if plan.note else ""
-    print(
-        f"wheelchair: plan: {plan.status}: {none} with {clearance:g} m clearance{why}",
-        file=sys.stderr,
-    )
+    said = f"{plan.status}: {none} with {clearance:g} m clearance{why}"
+    print(f"wheelchair: plan: {said}", file=sys.stderr)
     return 1
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from agents.cli.arguments import report, spec, watch
 from agents.people.replay import open_loop
 from agents.policies import GymPolicy, make_policy
-from agents.watch import Each
+from agents.watch import Each, ignore
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.recording.replay import RecordedEpisode, read_recording, replay_env
 from wheelchair_gym.rendering.video import write_png, write_video
@@ -25,7 +25,7 @@ def run(given: argparse.Namespace) -> int:
     frames: list[Any] = []
     records, lines = [], []
     mode = "rgb_array" if given.video or given.picture or given.images else None
-    viewers, env, each = watch(given), None, None
+    viewers, env, each = watch(given), None, ignore
     try:
         for number in chosen:
             inner: Any = replay_env(chapters[number], mode)
@@ -69,7 +69,7 @@ def _said(name: str, record: dict[str, Any]) -> str:
 
 
 def _again(
-    chapter: RecordedEpisode, env: Any, each: Each | None, given: argparse.Namespace,
+    chapter: RecordedEpisode, env: Any, each: Each, given: argparse.Namespace,
     frames: list[Any],
 ) -> dict[str, Any]:  # fmt: skip
     """Judge an episode again; with a policy, compare its action at every step."""
@@ -83,8 +83,7 @@ def _again(
             differences.append(np.abs(policy.act(observation) - np.clip(action, -1.0, 1.0)).mean())
         if given.video:
             frames.append(env.unwrapped.render())
-        if each is not None:
-            each(env)
+        each(env)
         observation, reward, terminated, truncated, info = env.step(action)
         terms = info["reward_terms"].items()  # a term that an older recording lacks must be 0
         terms = {name: value for name, value in terms if name in verdict["terms"] or value != 0.0}

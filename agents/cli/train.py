@@ -164,27 +164,21 @@ def _train(given: argparse.Namespace, case: Case) -> dict[str, Any]:
 
     def on_evaluated(done: int, total: int) -> None:
         if not evaluation:
-            evaluation.append(
-                tqdm(total=total, unit="episode", leave=False, desc="evaluation", **inner)
-            )
+            bar = tqdm(total=total, unit="episode", leave=False, desc="evaluation", **inner)
+            evaluation.append(bar)
         evaluation[0].update(done - evaluation[0].n)
         if done == total:
             evaluation.pop().close()
 
-    def on_row(row: dict[str, Any]) -> None:
-        frames.set_postfix_str(_line(row))
-
     try:
         rows = train(
-            case.config, case.seed, case.folder, on_step=on_step, on_row=on_row,
-            on_prepared=on_prepared, on_evaluated=on_evaluated,
+            case.config, case.seed, case.folder, on_step=on_step, on_prepared=on_prepared,
+            on_evaluated=on_evaluated, on_row=lambda row: frames.set_postfix_str(_line(row)),
         )  # fmt: skip
     except (KeyboardInterrupt, SystemError) as error:
         if is_interrupt(error):
-            print(
-                f"\n{case.folder}: the same command resumes from its last checkpoint",
-                file=sys.stderr,
-            )
+            again = "the same command resumes from its last checkpoint"
+            print(f"\n{case.folder}: {again}", file=sys.stderr)
         raise
     finally:
         for bar in (worlds, *evaluation, frames):
@@ -267,8 +261,7 @@ def export(given: argparse.Namespace) -> int:
 def dataset(given: argparse.Namespace) -> int:
     """Drive the episodes or read recorded ones, and write the data set."""
     from agents.evaluation.evaluate import without_labels
-    from agents.learning.dataset import write_dataset
-    from agents.learning.recorded import write_recorded
+    from agents.learning.dataset import write_dataset, write_recorded
 
     if given.recordings:
         found = write_recorded(given.name, given.recordings, _chosen(given), given.out)
@@ -294,7 +287,7 @@ def _chosen(given: argparse.Namespace) -> dict[str, Any]:
         InputError: an option or a setting is one of a drive.
     """
     from agents.evaluation.evaluate import env_settings
-    from agents.learning.recorded import CHOSEN
+    from agents.learning.dataset import CHOSEN
 
     kept = {"command", "name", "recordings", "config", "out", "quiet", "json"}
     typed = {key for key in vars(given) if given.parser.get_default(key) != getattr(given, key)}

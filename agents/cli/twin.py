@@ -19,10 +19,7 @@ from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.hardware.boards.senses import LASERS
-from wheelchair_gym.hardware.twin.faults import run_command
-from wheelchair_gym.hardware.twin.lockstep import Twin
-from wheelchair_gym.hardware.twin.plant import Plant
-from wheelchair_gym.hardware.twin.serve import ServedTwin
+from wheelchair_gym.hardware.twin import faults, lockstep, plant, serve
 from wheelchair_gym.maps import write_map
 
 _STATUS_PERIOD = 0.5  # s
@@ -41,13 +38,13 @@ def run(given: argparse.Namespace) -> int:
     assert env.episode is not None
     if given.write_map is not None:
         write_map(env.episode.map, given.write_map)
-    twin = Twin(Plant(settings.chair, settings.sensors))
+    twin = lockstep.Twin(plant.Plant(settings.chair, settings.sensors))
     twin.reset(env.episode, given.seed)
     twin.run(0.1)
     twin.plant.scan(0)  # compiled before real time begins
     twin.plant.ping(0)
     try:
-        served = ServedTwin(twin, port=given.port)
+        served = serve.ServedTwin(twin, port=given.port)
     except OSError as error:
         raise InputError(f"the twin cannot be served: {error}") from None
     watcher = _Watcher(given, served, env)
@@ -104,8 +101,7 @@ def robot(given: argparse.Namespace) -> int:
         env, film = watch(given).on(env)
 
         def each(now: Any) -> bool:
-            if film is not None:
-                film(now)
+            film(now)
             return driver.follow(now)
 
         while not over() and (not judged or number < given.episodes):
@@ -247,7 +243,7 @@ class _Watcher:
         self._open = bool(data)
         *lines, self._text = (self._text + data).split(b"\n")
         for line in lines:
-            if reply := run_command(self._served, line.decode("utf-8", "replace")):
+            if reply := faults.run_command(self._served, line.decode("utf-8", "replace")):
                 print(reply, flush=True)
 
     def _status(self, now: float) -> str:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from agents import read_data
 from agents.benchmarks.entrants import small_problem
 from agents.control import FOLLOWERS
 from agents.evaluation.evaluate import warm
@@ -17,16 +18,7 @@ from planners import PLANNERS, make_planner
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
 
 # Environments whose kernels differ, by what they are for.
-ENVIRONMENTS: dict[str, dict[str, Any]] = {
-    "drives with a shield": {"scene": "clutter", "shield": True, "guidance": "geodesic"},
-    "drives along poses": {"scene": "doorway", "guidance": "poses", "pose_source": "modelled"},
-    "people, doors and furniture": {"scene": "people"},
-    "a simulated driver with an assistant": {
-        "scene": "empty", "driver": "expert", "assistant": "shared_dwa",
-    },
-    "localization": {"scene": "clutter", "pose_source": "mcl"},
-    "mapping": {"scene": "clutter", "pose_source": "slam"},
-}  # fmt: skip
+ENVIRONMENTS: dict[str, dict[str, Any]] = read_data("warm_up.yaml")
 
 
 def warm_up(given: argparse.Namespace) -> int:

@@ -15,16 +15,8 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from agents.control import rollout
 from agents.control.local_map import LocalMap
-from agents.control.rollout import (
-    ChairState,
-    LocalView,
-    ReferencePath,
-    S,
-    cheapest,
-    rollout_costs,
-    stops_clear,
-)
 from agents.control.tight_places import SHARES, ManoeuvreTracker
 from planners.rrt_star_woa.control_generator import ControlGenerator, Controls
 from planners.rrt_star_woa.woa import WhaleSettings
@@ -52,15 +44,15 @@ class Situation(NamedTuple):
     """Input of a follower: local map, reference path and state of the chair."""
 
     local_map: LocalMap
-    reference: ReferencePath
-    chair: ChairState
+    reference: rollout.ReferencePath
+    chair: rollout.ChairState
 
     @property
-    def view(self) -> LocalView:
+    def view(self) -> rollout.LocalView:
         """Obstacle points, actors and the path ahead, as kernels take them."""
         local_map = self.local_map
         reference = self.reference.ahead(local_map.pose)
-        return LocalView(local_map.points, local_map.actors, reference)
+        return rollout.LocalView(local_map.points, local_map.actors, reference)
 
     def first_clear(
         self, twists: Iterable[Any], margin: float, hold: float = HOLD, creeps: bool = False
@@ -73,7 +65,7 @@ class Situation(NamedTuple):
         for less in self.local_map.margins(margin):
             for v, w in twists:
                 fits = not creeps or less >= TIGHT * margin or abs(v) <= CREEP
-                if fits and stops_clear(v, w, body, view, hold, less):
+                if fits and rollout.stops_clear(v, w, body, view, hold, less):
                     return np.array([v, w])
         return None
 
@@ -156,7 +148,7 @@ class Window(RolloutSettings):
     close to obstacles, the chair tracks the planned poses instead.
     """
 
-    def fan(self, chair: ChairState) -> Array:
+    def fan(self, chair: rollout.ChairState) -> Array:
         """Twists (c, 2) to choose among [m/s, rad/s]."""
         return full_fan(chair.limits)
 
@@ -180,7 +172,7 @@ class DynamicWindow(RolloutSettings):
     turns: int = setting(default=15, low=3, high=99)
     """Number of turn rates in the grid."""
 
-    def fan(self, chair: ChairState) -> Array:
+    def fan(self, chair: rollout.ChairState) -> Array:
         """Twists (c, 2) to choose among [m/s, rad/s]."""
         limits, (v, _, w, _) = chair.limits, chair.body.state
         back = min(BACKWARD, limits.backward)
@@ -212,8 +204,8 @@ class FanFollower:
 
         def pick(margin: float, slow: bool) -> Array | None:
             some = allowed(fan, local_map, slow)
-            costs = rollout_costs(some, body, view, margin, self._objective)
-            best = cheapest(some[:, 0], costs, body, view, HOLD, margin)
+            costs = rollout.rollout_costs(some, body, view, margin, self._objective)
+            best = rollout.cheapest(some[:, 0], costs, body, view, HOLD, margin)
             return np.array(some[best, 0, :2]) if best >= 0 else None
 
         return relax_clearance(now, config.margin, pick)
@@ -249,9 +241,8 @@ class PathIntegralFollower:
         config, limits, body = self.config, now.chair.limits, now.chair.body
         view, objective = now.view, self._objective
         long = config.objective.horizon / PIECES
-        self._mean += (
-            now.chair.period / long * (np.vstack([self._mean[1:], self._mean[-1:]]) - self._mean)
-        )
+        following = np.vstack([self._mean[1:], self._mean[-1:]])
+        self._mean += now.chair.period / long * (following - self._mean)
         # Noise that lasts over the horizon and noise of each piece, in equal parts; and a coarse
         # fan, so that a mean that is suddenly blocked finds another way at once.
         noise = self._rng.standard_normal((config.samples, PIECES + 1, 2)) * SPREAD
@@ -266,16 +257,16 @@ class PathIntegralFollower:
 
         def pick(margin: float, slow: bool) -> Array | None:
             some = allowed(candidates, now.local_map, slow)
-            costs = rollout_costs(some, body, view, margin, objective)
+            costs = rollout.rollout_costs(some, body, view, margin, objective)
             share = np.exp((costs.min() - costs) / config.temperature)
             mean = (share / share.sum()) @ some.reshape(len(some), -1)
             mean = mean.reshape(1, PIECES, 3)
             # The mean first if it is about as good as the best: it wobbles less.
-            mean_cost = rollout_costs(mean, body, view, margin, objective)
+            mean_cost = rollout.rollout_costs(mean, body, view, margin, objective)
             costs = np.append(mean_cost - config.temperature, costs)
             some = np.concatenate([mean, some])
             first = np.ascontiguousarray(some[:, 0])
-            best = cheapest(first, costs, body, view, HOLD, margin)
+            best = rollout.cheapest(first, costs, body, view, HOLD, margin)
             if best < 0:
                 return None
             self._mean = some[best, :, :2].copy()
@@ -433,7 +424,7 @@ class PurePursuitFollower:
         twists = ((share * v, share * w) for share in shares)
         return now.first_clear(twists, self.config.margin, creeps=True)
 
-    def _steer(self, rows: Array, chair: ChairState) -> tuple[float, float]:
+    def _steer(self, rows: Array, chair: rollout.ChairState) -> tuple[float, float]:
         """The twist towards a point ahead on the next reference poses (n, 4)."""
         config, limits = self.config, chair.limits
         far = np.hypot(rows[:, 0], rows[:, 1])
@@ -446,7 +437,7 @@ class PurePursuitFollower:
         if self._pivoting:
             return 0.0, math.copysign(0.6 * limits.turn, error)
         curvature = 2.0 * y / max(x * x + y * y, 0.01)
-        left = float(far[nearest] + rows[-1, S] - rows[nearest, S])
+        left = float(far[nearest] + rows[-1, rollout.S] - rows[nearest, rollout.S])
         v = min(limits.forward, math.sqrt(2.0 * 0.5 * limits.deceleration * left))
         v = min(v, math.sqrt(LATERAL / max(abs(curvature), 1e-6)))
         v = max(CREEP, min(v, 0.9 * limits.turn / max(abs(curvature), 1e-6)))

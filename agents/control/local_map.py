@@ -205,14 +205,10 @@ class LocalMap:
         """Update the actors: what is seen to move, or has moved within `PAUSE`, and is no leaf."""
         scan = reading.laser[: self._laser.beams]
         tracks = self._tracker.update(scan, self.pose, reading.twist, reading.stamp, self._known)
-        rows = np.column_stack(
-            [
-                to_frame(tracks.place, self.pose),
-                to_frame(tracks.velocity, (0.0, 0.0, self.pose[2])),
-                tracks.radius,
-                tracks.covariance.reshape(-1, 4)[:, [0, 1, 3]],
-            ]
-        )
+        place = to_frame(tracks.place, self.pose)
+        velocity = to_frame(tracks.velocity, (0.0, 0.0, self.pose[2]))
+        spread = tracks.covariance.reshape(-1, 4)[:, [0, 1, 3]]
+        rows = np.column_stack([place, velocity, tracks.radius, spread])
         moves, lively = tracks.still < PAUSE, tracks.confirmed & (tracks.kind != DOOR)
         self.actors, self._standing = rows[lively & moves], rows[lively & ~moves]
 

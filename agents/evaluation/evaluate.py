@@ -9,6 +9,7 @@ import time
 from collections import ChainMap
 from collections.abc import Mapping, Sequence
 from functools import lru_cache, partial
+from itertools import product
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
@@ -16,14 +17,12 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from agents.evaluation.assisted import StickTrace
+from agents.evaluation import assisted, runs, social
 from agents.evaluation.metrics import Record, Trace, measure, shortest_path
-from agents.evaluation.runs import compute, run_key, source_digest
-from agents.evaluation.social import PeopleTrace
 from agents.policies import GymPolicy, Policy, make_policy, spec_of
 from agents.policies.learned import weights_digest
 from agents.policies.planning import figures_of
-from agents.watch import Watch
+from agents.watch import Watch, ignore
 from wheelchair_gym.actors.records import PERSON
 from wheelchair_gym.base.settings import InputError, read_json
 from wheelchair_gym.envs.settings import read_env_settings
@@ -98,8 +97,8 @@ def episode_key(policy: Spec, scene: Spec, seed: int, env: Mapping[str, Any]) ->
     parts = [without_labels(policy), without_labels(scene), seed, episode_env(scene, env, policy)]
     if not isinstance(policy, str | Mapping):  # a class from outside the project
         kind = type(policy)
-        parts += [kind.__qualname__, source_digest(inspect.getfile(kind))]
-    return run_key(source_digest(), *parts, *([] if learned is None else [learned]))
+        parts += [kind.__qualname__, runs.source_digest(inspect.getfile(kind))]
+    return runs.run_key(runs.source_digest(), *parts, *([] if learned is None else [learned]))
 
 
 def env_settings(**values: Any) -> dict[str, Any]:
@@ -136,7 +135,7 @@ def _margin(walls: bytes, discs: bytes, start: bytes, goal: bytes, footprint: Fo
 
 
 def drive_episode(
-    env: Any, policy: Policy, seed: int, frames: Any = None, episode: Episode | None = None
+    env: Any, policy: Policy, seed: int, frames: Any = ignore, episode: Episode | None = None
 ) -> Record:
     """Drive one episode to its end.
 
@@ -163,10 +162,10 @@ def drive_episode(
     trace = Trace(task.period, margin, task.limits.forward, shortest, world.reference_length)
     trace.given_map = world.map if task.built_map is None else None
     if (world.actors.rows["kind"] == PERSON).any():
-        trace.people = PeopleTrace(world, task.footprint)
+        trace.people = social.PeopleTrace(world, task.footprint)
         trace.people.add(env.unwrapped.chair.truth)
     if task.has_driver:
-        trace.sticks = StickTrace(task.limits, task.period)
+        trace.sticks = assisted.StickTrace(task.limits, task.period)
     trace.add(info)
     begun = time.perf_counter()
     driver = GymPolicy(policy, env)
@@ -175,7 +174,7 @@ def drive_episode(
     ended = truncated = False
     while not (ended or truncated):
         trace.planning = figures_of(policy)
-        if frames is not None and frames(env):
+        if frames(env):
             return measure(trace, info, truncated)
         begun = time.perf_counter()
         action = driver.act(observation)
@@ -188,8 +187,7 @@ def drive_episode(
             trace.sticks.add(stick, given)
         if trace.people is not None:
             trace.people.add(env.unwrapped.chair.truth)
-    if frames is not None:
-        frames(env)
+    frames(env)
     assert driver.command is not None
     trace.replans = max(0, driver.command.shown.plans - 1)
     return measure(trace, info, truncated and not ended)
@@ -237,9 +235,8 @@ def run_episode(
     if _kind(policy, scene) not in _warmed:
         warm(policy, scene, env)
         _warmed.add(_kind(policy, scene))
-    world, each = watch.of_episode(label(policy), label(scene), seed).on(
-        make_env(scene, env, policy=policy)
-    )
+    world = make_env(scene, env, policy=policy)
+    world, each = watch.of_episode(label(policy), label(scene), seed).on(world)
     try:
         record = drive_episode(world, make_policy(without_labels(policy)), seed, each)
         picture = None
@@ -290,12 +287,7 @@ def evaluate(
         make_policy(without_labels(policy))
     for scene in scenes:
         make_scene(without_labels(scene))
-    wanted = {
-        episode_key(policy, scene, seed, env): (policy, scene, seed)
-        for policy in policies
-        for scene in scenes
-        for seed in seeds
-    }
+    wanted = {episode_key(*job, env): job for job in product(policies, scenes, seeds)}
     if watch.live is not None and len(wanted) != 1:
         raise InputError(f"--live shows a single episode; there are {len(wanted)}")
 
@@ -308,7 +300,7 @@ def evaluate(
             for policy, scene in {_kind(p, s): (p, s) for p, s, _ in missing}.values():
                 warm(policy, scene, env)
 
-    records = compute(
+    records = runs.compute(
         wanted, partial(run_episode, env=env, folder=folder, watch=watch), folder / STORE,
         workers=jobs, unit="episode", progress=progress, again=again,
         before=before,

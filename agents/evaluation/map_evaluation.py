@@ -21,6 +21,7 @@ from tqdm import tqdm
 from agents import is_interrupt
 from agents.control.unknown_space import cells_at
 from agents.policies import GymPolicy, Policy
+from agents.watch import ignore
 from planners.collision.space import Space
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.settings import InputError
@@ -111,7 +112,7 @@ def map_by_driving(
     policy: Policy,
     seed: int,
     seconds: float,
-    each: Callable[[Any], object] = lambda env: None,
+    each: Callable[[Any], object] = ignore,
     *,
     real: bool = False,
 ) -> DrivenMap:
@@ -211,11 +212,8 @@ def _log_map(
     name: str, log: SensorLog, laser: LaserSettings, grid: OccupancyGrid, trail: Array, spent: float
 ) -> LogMap:
     solid, residuals = np.argwhere(grid.cells == OCCUPIED), np.empty(0)
-    ends = [
-        to_world(read_scan(laser, log.ranges[k]).echoes, trail[k])
-        for k in range(len(log.stamps))
-        if held_out(k)
-    ]
+    held = filter(held_out, range(len(log.stamps)))
+    ends = [to_world(read_scan(laser, log.ranges[k]).echoes, trail[k]) for k in held]
     if len(solid) and ends:
         residuals = cKDTree(grid.to_world(solid)).query(np.concatenate(ends))[0]
     return LogMap(name, grid, trail, residuals, float(log.stamps[-1]) / spent)
@@ -243,7 +241,7 @@ def by_slam(
     laser: LaserSettings,
     settings: SlamSettings,
     seed: int,
-    each: Callable[[Slam], object] = lambda slam: None,
+    each: Callable[[Slam], object] = ignore,
 ) -> LogMap:
     """The map that SLAM gives; held-out scans are matched with it, and never added to it.
 

@@ -12,6 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from agents import read_data
 from agents.evaluation.tables import exists
 from wheelchair_gym.rendering import palette
 from wheelchair_gym.scenes.arena import Doorway
@@ -34,40 +35,27 @@ LOOK: Any = {
 def figures(evaluation: Mapping[str, Any]) -> dict[str, tuple[str, bytes]]:
     """Every figure by name: its caption and its SVG."""
     policies, records = evaluation["policies"], evaluation["records"]
-    drawn: dict[str, tuple[str, Callable[[], Figure]]] = {}
-    if any(exists(record.get("authority")) for record in records):
-        drawn["help"] = (
-            "Success against authority, the share of the motion that is not the person's. The line "
-            "joins those that no other equals or beats in both; further up and left is better.",
-            lambda: _help(policies, evaluation["summary"]),
-        )
-    drawn |= {
-        "success": (
-            "Success by scene and policy, with 95 % Wilson intervals.",
-            lambda: _success(policies, evaluation["scenes"], evaluation["summary"]),
-        ),
-        "time": (
-            "Time of each successful episode against its geodesic length; a crossed mark is an "
-            "episode that failed, at the time it ended.",
-            lambda: _time(policies, records),
-        ),
-        "clearance": (
-            "Share of episodes whose least clearance was below a value; further right is safer.",
-            lambda: _clearance(policies, records),
-        ),
+    scenes, summary, doorways = evaluation["scenes"], evaluation["summary"], _doorways(evaluation)
+    drawn: dict[str, Callable[[], Figure]] = {
+        "success": lambda: _success(policies, scenes, summary),
+        "time": lambda: _time(policies, records),
+        "clearance": lambda: _clearance(policies, records),
     }
-    if doorways := _doorways(evaluation):
-        drawn["doors"] = (
-            "Success [%] by the widths of door and corridor. Below the solid line no manoeuvre "
-            "gets the chair round the corner; below the dashed one, none with 5 cm to spare.",
-            lambda: _doors(policies, doorways, evaluation["summary"]),
-        )
+    if any(exists(record.get("authority")) for record in records):
+        drawn = {"help": lambda: _help(policies, summary), **drawn}
+    if doorways:
+        drawn["doors"] = lambda: _doors(policies, doorways, summary)
+    captions = read_data("captions.yaml")
     with mpl.rc_context(LOOK):
-        return {name: (caption, as_svg(make())) for name, (caption, make) in drawn.items()}
+        return {name: (captions[name], as_svg(make())) for name, make in drawn.items()}
 
 
 def as_svg(figure: Figure) -> bytes:
-    """A figure as SVG."""
+    """A figure as SVG, with one legend of its first panel above all, where it hides no data."""
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    if labels and not figure.legends:
+        columns = max(1, min(len(labels), 56 // (max(map(len, labels)) + 6)))
+        figure.legend(handles, labels, loc="outside upper left", ncols=columns)
     out = io.BytesIO()
     figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
     return out.getvalue()
@@ -108,14 +96,6 @@ def with_interval(row: Record, key: str, factor: float = 1.0) -> list[float]:
     return [factor * row[name] for name in (key, f"{key}_low", f"{key}_high")]
 
 
-def legend_above(figure: Figure, axes: Axes) -> None:
-    """One legend above the axes, where it hides no data."""
-    handles, labels = axes.get_legend_handles_labels()
-    longest = max(map(len, labels), default=1)
-    columns = max(1, min(len(labels), 56 // (longest + 6)))
-    figure.legend(handles, labels, loc="outside upper left", ncols=columns)
-
-
 def paired(title: str, values: Mapping[str, Mapping[int, float]]) -> bytes:
     """Draw each participant as a line over conditions, and the mean of all, as SVG.
 
@@ -132,20 +112,18 @@ def paired(title: str, values: Mapping[str, Mapping[int, float]]) -> bytes:
         means = [float(np.mean([*of.values()])) if of else np.nan for of in values.values()]
         axes.plot(names, means, "s-", color=COLOURS[0], linewidth=2.0, label="mean")
         axes.set(ylabel=title.replace("$", r"\$"))
-        legend_above(figure, axes)
         return as_svg(figure)
 
 
 def _success(policies: Sequence[str], scenes: Sequence[str], summary: Sequence[Record]) -> Figure:
     places = ["all", *scenes] if len(scenes) > 1 else list(scenes)
-    found = {(row["policy"], row["scene"]): row for row in summary}
+    found = {(row["policy"], row["scene"]): row for row in summary if exists(row["success"])}
     step = 0.72 / len(policies)
     figure, axes = new_axes(1.0 + 0.2 * len(places) * max(2, len(policies)))
     for i, policy in enumerate(policies):
         rows = [
             (k, found[policy, place]) for k, place in enumerate(places) if (policy, place) in found
         ]
-        rows = [(k, row) for k, row in rows if exists(row["success"])]
         y = [k + (i - 0.5 * (len(policies) - 1)) * step for k, _ in rows]
         shares = [with_interval(row, "success", 100.0) for _, row in rows]
         error_bars(axes, y, shares, i, policy, across=True)
@@ -155,7 +133,6 @@ def _success(policies: Sequence[str], scenes: Sequence[str], summary: Sequence[R
         axes.axhline(edge - 0.5, color=LOOK["grid.color"], linewidth=0.6)
     axes.grid(axis="y", visible=False)
     axes.set(xlim=(-2, 102), xlabel="success [% of episodes]")
-    legend_above(figure, axes)
     return figure
 
 
@@ -171,13 +148,8 @@ def unbeaten(points: Sequence[tuple[float, float]]) -> list[int]:
 
 def _help(policies: Sequence[str], summary: Sequence[Record]) -> Figure:
     rows = {row["policy"]: row for row in summary if row["scene"] == "all"}
-    named = [
-        policy
-        for policy in policies
-        if policy in rows
-        and exists(rows[policy].get("authority"))
-        and exists(rows[policy]["success"])
-    ]
+    known = [p for p, r in rows.items() if exists(r.get("authority")) and exists(r["success"])]
+    named = [policy for policy in policies if policy in known]
     points = [(100.0 * rows[p]["authority"], 100.0 * rows[p]["success"]) for p in named]
     figure, axes = new_axes(3.3)
     front = np.array([points[i] for i in unbeaten(points)])
@@ -187,7 +159,6 @@ def _help(policies: Sequence[str], summary: Sequence[Record]) -> Figure:
         error_bars(axes, [x], [share], policies.index(policy), policy)
     axes.set(xlabel="authority of the assistant [%]", ylabel="success [% of episodes]")
     axes.set_xlim(left=min(0.0, axes.get_xlim()[0]))
-    legend_above(figure, axes)
     return figure
 
 
@@ -207,7 +178,6 @@ def _time(policies: Sequence[str], records: Sequence[Record]) -> Figure:
     for limit, key in ((axes.set_xlim, "geodesic"), (axes.set_ylim, "time")):
         limit(0.0, 1.05 * max((r[key] for r in records if exists(r[key])), default=1.0))
     axes.set(xlabel="geodesic from start to goal [m]", ylabel="time [s]")
-    legend_above(figure, axes)
     return figure
 
 
@@ -225,13 +195,8 @@ def _clearance(policies: Sequence[str], records: Sequence[Record]) -> Figure:
                 where="post",
                 color=COLOURS[i % 8], linestyle=DASHES[i % 4], linewidth=1.6, label=policy,
             )  # fmt: skip
-    axes.set(
-        xlim=(-0.02 * end, end),
-        ylim=(0, 102),
-        xlabel="least clearance of the episode [m]",
-        ylabel="episodes at or below [%]",
-    )
-    legend_above(figure, axes)
+    axes.set(xlim=(-0.02 * end, end), xlabel="least clearance of the episode [m]")
+    axes.set(ylim=(0, 102), ylabel="episodes at or below [%]")
     return figure
 
 
@@ -261,9 +226,8 @@ def _doors(
     for axes, policy in zip(panels, policies, strict=True):
         for margin, dash in ((0.0, "-"), (0.05, "--")):
             minimum = [Doorway.narrowest_door(margin, width) for width in widths]
-            axes.plot(
-                widths, minimum, dash, color=COLOURS[1], label=f"{100 * margin:.0f} cm to spare"
-            )
+            name = f"{100 * margin:.0f} cm to spare"
+            axes.plot(widths, minimum, dash, color=COLOURS[1], label=name)
         for label, doorway in doorways.items():
             if (share := found.get((policy, label))) is None:
                 continue
@@ -277,5 +241,4 @@ def _doors(
         )
         axes.set_title(policy, loc="left", fontsize=9.0)
         axes.set(xlabel="corridor [m]", ylabel="door [m]")
-    legend_above(figure, figure.axes[0])
     return figure

@@ -60,10 +60,6 @@ RANKING_NOTE = (
 # Bytes that are embedded; larger files are linked, so that the page stays quick to open.
 _LARGEST_VIDEO = 3e6
 _MAX_PICTURES = 3e6  # about 500 failures
-_LEGEND = (
-    "Blue: the chair, its trail and the roll-out of commands. Green: goal and path. Red: laser. "
-    "Yellow: ultrasonic echoes. Purple outline: the estimated pose."
-)
 
 
 def ranked(summary: Sequence[Record], scene: str = "all") -> list[Record]:
@@ -254,7 +250,7 @@ def write_report(evaluation: Evaluation, folder: str | Path) -> Path:
         collision=COLUMN_OF["collision"], is_best=best_of(best) is not None,
         columns=(*COLUMNS, *chain(*more.values())),
         ended=Counter(record["outcome"] for record in of), tables=tables,
-        figures=drawn, video=_video(evaluation["video"], folder), legend=_LEGEND,
+        figures=drawn, video=_video(evaluation["video"], folder),
         failures=_failures(evaluation["records"], [row["policy"] for row in best], folder),
     )  # fmt: skip
 

@@ -79,8 +79,9 @@ def estimate(samples: Sequence[Sample], weights: Sequence[float], paired: bool =
     Paired samples have the same runs in the same order, NaN where a run has no value: the weighted
     sum is taken within each run, so that effects common to a run's values cancel.
     """
-    if paired:
-        samples, weights = [_sums(samples, weights)], [1.0]
+    if paired:  # of the runs that have all values
+        sums = {s: np.tensordot(weights, [of[s] for of in samples], 1) for s in samples[0]}
+        samples, weights = [{s: of[np.isfinite(of)] for s, of in sums.items()}], [1.0]
     value, variances = 0.0, []
     for sample, weight in zip(samples, weights, strict=True):
         for values in sample.values():
@@ -94,15 +95,6 @@ def estimate(samples: Sequence[Sample], weights: Sequence[float], paired: bool =
     denominator = sum(part**2 / freedom for part, freedom in variances)
     freedom = variance**2 / denominator if denominator > 0.0 else math.inf
     return Estimate(value, math.sqrt(variance), freedom)
-
-
-def _sums(samples: Sequence[Sample], weights: Sequence[float]) -> dict[str, Array]:
-    """Return the weighted sum of paired samples, of the runs that have all values."""
-    found = {}
-    for stratum in samples[0]:
-        sums = np.tensordot(weights, [sample[stratum] for sample in samples], 1)
-        found[stratum] = sums[np.isfinite(sums)]
-    return found
 
 
 def mean_interval(values: ArrayLike) -> tuple[float, float, float]:

@@ -89,15 +89,9 @@ class Table(NamedTuple):
         for cell_row in (row for group in self.groups for row in group):
             rows.append([f"{c.text} ({c.small})" if c.small else c.text for c in cell_row])
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-        kinds = [column.unit is None for column in self.columns]
-        lines = (
-            "  ".join(
-                text.ljust(width) if is_text else text.rjust(width)
-                for text, width, is_text in zip(row, widths, kinds, strict=True)
-            )
-            for row in rows
-        )
-        return "\n".join(line.rstrip() for line in lines)
+        align = [str.ljust if column.unit is None else str.rjust for column in self.columns]
+        lines = ([f(t, n) for f, t, n in zip(align, row, widths, strict=True)] for row in rows)
+        return "\n".join("  ".join(line).rstrip() for line in lines)
 
     def markdown(self) -> str:
         """The table as Markdown, with its note below."""

@@ -22,11 +22,8 @@ from optuna.storages.journal import JournalFileBackend
 from tqdm import tqdm
 
 from agents.control import make_follower
+from agents.evaluation import provenance, runs, statistics, tables
 from agents.evaluation.evaluate import Spec, evaluate, named
-from agents.evaluation.provenance import write_json, write_text
-from agents.evaluation.runs import run_key, source_digest, stopped_by_ctrl_c
-from agents.evaluation.statistics import mean_interval
-from agents.evaluation.tables import csv_table
 from agents.policies import settings_of
 from planners import make_planner
 from wheelchair_gym.base.files import write_error
@@ -163,11 +160,11 @@ def tune(
     before = {key: value_at(current, key) for key in ranges}
     asked = {key: value for key, value in vars(judge).items() if key not in EXECUTION}
     where = {key: distributions.distribution_to_json(each) for key, each in ranges.items()}
-    what = run_key(source_digest(), spec, where, list(seeds), seed, asked)
+    what = runs.run_key(runs.source_digest(), spec, where, list(seeds), seed, asked)
     study = _study(folder, what)
     if not study.trials and all(covers(each, before[key]) for key, each in ranges.items()):
         study.enqueue_trial(before)
-    with stopped_by_ctrl_c(lambda: f"{len(_done(study))} of {trials} trials are done"):
+    with runs.stopped_by_ctrl_c(lambda: f"{len(_done(study))} of {trials} trials are done"):
         with tqdm(total=trials, disable=not progress, unit="trial") as bar:
             for number, values in _drawn(study, ranges, trials, seed):
                 if values is not None:
@@ -243,14 +240,14 @@ def _result(
     tuned = with_values(named(spec), best.params)
     name = str(tuned.pop("name"))
     new, old = (np.array(judge(s, others)) for s in ({"name": name, **tuned}, spec))
-    gain, *gain_interval = mean_interval(new - old)
-    write_json(folder / "best.json", {name: tuned})
+    gain, *gain_interval = statistics.mean_interval(new - old)
+    provenance.write_json(folder / "best.json", {name: tuned})
     rows = [
         {"trial": trial.number, "score": trial.value, "state": trial.state.name.lower()}
         | {key: trial.params.get(key) for key in before}
         for trial in study.trials
     ]
-    write_text(folder / "trials.csv", csv_table(rows))
+    provenance.write_text(folder / "trials.csv", tables.csv_table(rows))
     return {
         "name": name,
         "trials": len(study.trials),

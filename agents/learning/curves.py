@@ -16,10 +16,7 @@ from typing import Any
 import matplotlib as mpl
 from stable_baselines3.common.logger import Logger
 
-from agents.evaluation.plots import COLOURS, DASHES, LOOK, MARKS, as_svg, legend_above, new_axes
-from agents.evaluation.provenance import write_text
-from agents.evaluation.statistics import share
-from agents.evaluation.tables import csv_table
+from agents.evaluation import plots, provenance, statistics, tables
 from agents.learning.weights import load_weights
 from wheelchair_gym.base.errors import InputError
 from wheelchair_gym.base.files import atomic_write, read_text
@@ -85,7 +82,7 @@ def _number(text: Any) -> Any:
 
 def write_curve(folder: Path, rows: list[Row]) -> None:
     """Write a curve atomically; columns are those of all rows, in order."""
-    write_text(folder / NAME, csv_table(rows))
+    provenance.write_text(folder / NAME, tables.csv_table(rows))
 
 
 def write_sweep(key: str, runs: Sequence[tuple[str, Path]], out: Path) -> str:
@@ -111,31 +108,30 @@ def write_sweep(key: str, runs: Sequence[tuple[str, Path]], out: Path) -> str:
         points = [(float(row["frames"]), float(row["eval_success"])) for row in evaluated]
         curves.setdefault(value, []).append(points)
         episodes = card["training"]["evaluation"]["episodes"]
-        found = share("success", round(float(last["eval_success"]) * episodes), episodes)
+        found = statistics.share("success", round(float(last["eval_success"]) * episodes), episodes)
         rows.append({
             key: value, "seed": card["seed"], "frames": card["frames"], "episodes": episodes,
             "success": float(last["eval_success"]), "low": found["success_low"],
             "high": found["success_high"],
             **{name: float(last[f"eval_{name}"]) for name in ("collision", "timeout", "time")},
         })  # fmt: skip
-    table = csv_table(rows) if rows else ""
-    write_text(out / f"{SWEEP}.csv", table)
-    with mpl.rc_context(LOOK), atomic_write(out / f"{SWEEP}.svg") as part:
-        part.write_bytes(as_svg(_plot_sweep(key, curves)))
+    table = tables.csv_table(rows) if rows else ""
+    provenance.write_text(out / f"{SWEEP}.csv", table)
+    with mpl.rc_context(plots.LOOK), atomic_write(out / f"{SWEEP}.svg") as part:
+        part.write_bytes(plots.as_svg(_plot_sweep(key, curves)))
     return table.rstrip()
 
 
 def _plot_sweep(key: str, curves: dict[str, list[Any]]) -> Any:
-    figure, axes = new_axes(3.2)
+    figure, axes = plots.new_axes(3.2)
     for k, (value, runs) in enumerate(curves.items()):
         for number, curve in enumerate(runs):
             frames, shares = zip(*curve, strict=True)
             axes.plot(
                 [n / 1e6 for n in frames], [100.0 * success for success in shares],
-                DASHES[k % len(DASHES)], color=COLOURS[k % len(COLOURS)],
-                marker=MARKS[k % len(MARKS)], ms=3.5, lw=1.2,
+                plots.DASHES[k % len(plots.DASHES)], color=plots.COLOURS[k % len(plots.COLOURS)],
+                marker=plots.MARKS[k % len(plots.MARKS)], ms=3.5, lw=1.2,
                 label=f"{key.rpartition('.')[2]} {value}" if number == 0 else None,
             )  # fmt: skip
     axes.set(xlabel="frames [million]", ylabel="success in evaluation [%]", ylim=(0.0, 101.0))
-    legend_above(figure, axes)
     return figure

@@ -113,9 +113,8 @@ def imitate(config: Imitation, seed: int, folder: Path, progress: bool = True) -
     """
     stored, spec = (None, config.env) if config.dataset is None else _load_dataset(config.dataset)
     env = training_env_settings(spec)
-    env = dataclasses.replace(
-        env, task=dataclasses.replace(env.task, privileged=False), starts_within=0.0
-    )
+    task = dataclasses.replace(env.task, privileged=False)
+    env = dataclasses.replace(env, task=task, starts_within=0.0)
     layout = Layout.of_task(NavigationEnv(config=env).task)
     torch.manual_seed(seed)
     space = gym.spaces.Box(-1.0, 1.0, (layout.size,))

@@ -14,7 +14,7 @@ from stable_baselines3 import SAC, TD3
 from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.noise import NormalActionNoise, VectorizedActionNoise
 from stable_baselines3.common.policies import ActorCriticPolicy
-from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, create_mlp
 from torch import nn
 
 from agents.learning.features import Layout, features
@@ -79,10 +79,7 @@ class SeparateNetworks(nn.Module):
 
 def mlp(size: int, hidden: tuple[int, ...]) -> nn.Sequential:
     """Dense layers, each followed by a rectifier."""
-    layers: list[nn.Module] = []
-    for before, after in zip((size, *hidden), hidden, strict=False):
-        layers += [nn.Linear(before, after), nn.ReLU()]
-    return nn.Sequential(*layers)
+    return nn.Sequential(*create_mlp(size, 0, list(hidden)))
 
 
 class Teacher:

@@ -80,11 +80,8 @@ class FastPPO(PPO):
             if not callback.on_step():
                 return False
             self._update_info_buffer(infos, dones)
-            ends += [
-                (step, int(row), infos[row]["terminal_observation"])
-                for row in np.flatnonzero(dones)
-                if infos[row]["TimeLimit.truncated"]
-            ]
+            cut = [k for k in np.flatnonzero(dones).tolist() if infos[k]["TimeLimit.truncated"]]
+            ends += [(step, k, infos[k]["terminal_observation"]) for k in cut]
             rollout_buffer.add(
                 features.cpu().numpy(), chosen, rewards, self._last_episode_starts,  # type: ignore[arg-type]
                 torch.zeros(env.num_envs), log_probs,

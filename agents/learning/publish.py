@@ -43,14 +43,12 @@ def publish(folder: Path, results: Sequence[Path], path: Path) -> Weights:
     best = max(folders, key=lambda of: curves[of][-1][1] if curves[of] else 0.0)
     dropped = ("curve", "row", "evaluation")
     card = {key: value for key, value in runs[best].card.items() if key not in dropped}
-    card["curves"] = {str(runs[of].card["seed"]): curve for of, curve in curves.items()}
-    card["speeds"] = {  # between checkpoints, without evaluations
-        str(runs[of].card["seed"]): round(
-            median(float(row["frames_per_second_s"]) for row in read_curve(of))
-        )
-        for of in folders
-    }
-    names = {str(of / POLICY): str(runs[of].card["seed"]) for of in folders}
+    seeds = {of: str(weights.card["seed"]) for of, weights in runs.items()}
+    card["curves"] = {seeds[of]: curve for of, curve in curves.items()}
+    # Between checkpoints, without evaluations.
+    speeds = {of: [float(row["frames_per_second_s"]) for row in read_curve(of)] for of in folders}
+    card["speeds"] = {seeds[of]: round(median(speed)) for of, speed in speeds.items()}
+    names = {str(of / POLICY): seeds[of] for of in folders}
     card["results"] = [row for file in results for row in _results(file, names, path.stem)]
     weights = Weights(runs[best].arrays, card)
     save_weights(path, weights)

@@ -33,6 +33,7 @@ from agents.learning.sb3 import SB3VecEnv, flatten_observations
 from agents.learning.settings import Evaluation, Training
 from agents.learning.weights import Network, Weights, find_weights, load_weights, make_card
 from agents.learning.weights import save_weights as save
+from agents.watch import ignore
 from wheelchair_gym.base.settings import InputError, dump
 from wheelchair_gym.envs import EnvSettings, NavigationVectorEnv
 from wheelchair_gym.envs.settings import BankSettings
@@ -108,8 +109,8 @@ class Run:
 
     def __init__(
         self, config: Training, seed: int, folder: Path,
-        on_prepared: Callable[[int, int], None] | None = None,
-        on_evaluated: Callable[[int, int], None] | None = None,
+        on_prepared: Callable[[int, int], None] = ignore,
+        on_evaluated: Callable[[int, int], None] = ignore,
     ) -> None:  # fmt: skip
         self.config, self.seed, self.folder = config, seed, folder
         self._on_evaluated = on_evaluated
@@ -142,9 +143,8 @@ class Run:
         self.env = SB3VecEnv(env, flat=True)
         self.layout = Layout.of_task(env.task)
         self._eval_env: NavigationVectorEnv | None = None
-        tutor = None
-        if teacher is not None:
-            tutor = networks.Teacher(teacher, self.layout, self._env_settings)
+        needs = self.layout, self._env_settings
+        tutor = None if teacher is None else networks.Teacher(teacher, *needs)
         self.model = networks.make_model(config, seed, self.env, self.layout, tutor)
         self.sums: Counter[str] = Counter()  # over the episodes since the last checkpoint
         self.worlds.max_time = config.curriculum.initial_time
@@ -173,7 +173,7 @@ class Run:
         """Frames between two checkpoints."""
         return self.config.n_envs * self.config.steps_per_checkpoint
 
-    def learn(self, on_step: Callable[[int], None] | None = None) -> Row:
+    def learn(self, on_step: Callable[[int], None] = ignore) -> Row:
         """Learn until the next checkpoint, and save it; the new row of the curve.
 
         Args:
@@ -194,8 +194,7 @@ class Run:
         def callback(local: dict[str, Any], _: dict[str, Any]) -> bool:
             curves.add_ended_episodes(self.sums, local["infos"], local["dones"])
             self._advance_curriculum()
-            if on_step is not None:
-                on_step(self.frames)
+            on_step(self.frames)
             return True
 
         before = self.frames
@@ -217,7 +216,7 @@ class Run:
         self._save(weights)
         return row
 
-    def _draw_worlds(self, report: Callable[[int, int], None] | None = None) -> None:
+    def _draw_worlds(self, report: Callable[[int, int], None] = ignore) -> None:
         """Wait for the worlds of this checkpoint: at first few, then twice as many at each.
 
         So processes draw further ones during the first frames, and no result depends on when.
@@ -227,8 +226,7 @@ class Run:
         ready = worlds.limit - sum(number < worlds.limit for number in worlds.missing())
         while ready < worlds.limit and (batch := next(self._drawing, 0)):
             ready += batch
-            if report is not None:
-                report(min(ready, worlds.limit), worlds.limit)
+            report(min(ready, worlds.limit), worlds.limit)
         worlds.fill(None if ready else report)
 
     def _anneal_kickstart(self) -> None:
@@ -248,9 +246,8 @@ class Run:
         share = (self.sums["success"] - self._curriculum_mark[1]) / episodes
         self._curriculum_mark = [self.sums["episodes"], self.sums["success"]]
         if share > curriculum.success_threshold:
-            self.worlds.max_time = min(
-                curriculum.max_time, self.worlds.max_time * curriculum.growth
-            )
+            further = self.worlds.max_time * curriculum.growth
+            self.worlds.max_time = min(curriculum.max_time, further)
 
     def _evaluate(self, weights: Weights) -> Row:
         """Evaluate the actor where an evaluation is due, and keep the best weights."""
@@ -260,9 +257,8 @@ class Run:
             return {}
         if self._eval_env is None:
             self._eval_env = make_eval_env(self._env_settings, config, self.config.threads)
-        figures = evaluate_network(
-            self._eval_env, Network(weights), config.seed, self._on_evaluated
-        )
+        network = Network(weights)
+        figures = evaluate_network(self._eval_env, network, config.seed, self._on_evaluated)
         weights.card["evaluation"] = figures | {"episodes": config.episodes, "seed": config.seed}
         if figures["success"] >= self.best_success:
             self.best_success = figures["success"]
@@ -314,10 +310,10 @@ def train(
     seed: int,
     folder: Path,
     *,
-    on_step: Callable[[int], None] | None = None,
-    on_row: Callable[[Row], None] | None = None,
-    on_prepared: Callable[[int, int], None] | None = None,
-    on_evaluated: Callable[[int, int], None] | None = None,
+    on_step: Callable[[int], None] = ignore,
+    on_row: Callable[[Row], None] = ignore,
+    on_prepared: Callable[[int, int], None] = ignore,
+    on_evaluated: Callable[[int, int], None] = ignore,
 ) -> list[Row]:
     """Train to the end, or resume the run in the folder; the rows of the curve.
 
@@ -333,8 +329,7 @@ def train(
         while not run.done:
             row = run.learn(on_step)
             curves.log_row(logger, row)
-            if on_row is not None:
-                on_row(row)
+            on_row(row)
     finally:
         logger.close()
         run.close()
@@ -358,7 +353,7 @@ def evaluate_network(
     env: NavigationVectorEnv,
     network: Network,
     seed: int,
-    on_evaluated: Callable[[int, int], None] | None = None,
+    on_evaluated: Callable[[int, int], None] = ignore,
 ) -> dict[str, float]:
     """Shares of success, collision and timeout of the first episode of each row, and mean time.
 
@@ -369,8 +364,7 @@ def evaluate_network(
     observations, _ = env.reset(seed=seed)
     running = np.ones(n, bool)
     success, collision, times = np.zeros(n, bool), np.zeros(n, bool), np.zeros(n)
-    if on_evaluated is not None:
-        on_evaluated(0, n)
+    on_evaluated(0, n)
     while running.any():
         actions = network(flatten_observations(observations))
         observations, _, terminated, truncated, infos = env.step(actions)
@@ -381,8 +375,7 @@ def evaluate_network(
             collision[ended] = (final["bumped"] | final["contact"])[ended] & ~success[ended]
             times[ended] = final["time"][ended]
             running &= ~ended
-        if on_evaluated is not None:
-            on_evaluated(n - int(running.sum()), n)
+        on_evaluated(n - int(running.sum()), n)
     return {
         "success": float(success.mean()),
         "collision": float(collision.mean()),

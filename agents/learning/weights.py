@@ -15,11 +15,9 @@ import numpy as np
 
 from agents.evaluation.provenance import command_line, provenance
 from agents.learning.features import Layout, features
+from wheelchair_gym.base import files, registry, settings
 from wheelchair_gym.base.arrays import Floats
 from wheelchair_gym.base.errors import InputError, shorten
-from wheelchair_gym.base.files import LIMITS, atomic_write, parse_json, read_bytes
-from wheelchair_gym.base.registry import places_in
-from wheelchair_gym.base.settings import dump
 from wheelchair_gym.envs.guidance import is_built_in
 from wheelchair_gym.task.observations import SIZES
 
@@ -101,9 +99,9 @@ def make_card(
         "format": FORMAT,
         "algorithm": algorithm,
         "head": head,
-        "layout": dump(layout),
-        "env": dump(env),
-        "training": dump(training),
+        "layout": settings.dump(layout),
+        "env": settings.dump(env),
+        "training": settings.dump(training),
         "seed": seed,
         "command": command_line(),
         **provenance(),
@@ -123,7 +121,7 @@ def save_weights(path: str | Path, weights: Weights) -> None:
     texts = {name: np.frombuffer(text.encode(), np.uint8) for name, text in extra.items()}
     content = io.BytesIO()
     np.savez(content, allow_pickle=False, **arrays, **texts)
-    with atomic_write(path) as part:
+    with files.atomic_write(path) as part:
         part.write_bytes(content.getvalue())
 
 
@@ -134,14 +132,14 @@ def load_weights(path: str | Path) -> Weights:
         InputError: the file cannot be read, or is not complete.
     """
     path = Path(path)
-    content = read_bytes(path, "weights")
+    content = files.read_bytes(path, "weights")
     try:
         arrays = _unpacked(content)
         card = arrays.pop("card").tobytes().decode()
         digest = arrays.pop("digest").tobytes().decode()
         if digest != _digest(arrays, card):
             raise ValueError("its digest differs")
-        weights = Weights(arrays, parse_json(card, "card"))
+        weights = Weights(arrays, files.parse_json(card, "card"))
         if not isinstance(weights.card, dict):
             raise ValueError("its card is no object")
         readable = weights.card.get("format") == FORMAT
@@ -163,7 +161,7 @@ def _unpacked(content: bytes) -> dict[str, Any]:
     Raises:
         ValueError: it is not complete, or beyond a limit.
     """
-    arrays, maximum = {}, LIMITS["weights"].maximum
+    arrays, maximum = {}, files.LIMITS["weights"].maximum
     with zipfile.ZipFile(io.BytesIO(content)) as packed:
         members = packed.infolist()
         if len(members) > MAX_ARRAYS or sum(member.file_size for member in members) > maximum:
@@ -220,7 +218,7 @@ def check_card(card: dict[str, Any]) -> None:
         raise ValueError("env holds no settings")
     if not is_built_in(card["env"].get("guidance")):
         raise ValueError("env.guidance names code; expected geodesic or poses")
-    if places_in([card["env"].get("driver"), card["env"].get("assistant")]):
+    if registry.places_in([card["env"].get("driver"), card["env"].get("assistant")]):
         raise ValueError("env.driver or env.assistant names code; expected names of the project")
 
 

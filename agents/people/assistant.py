@@ -102,7 +102,6 @@ class SharedAssistant:
             return np.zeros(2)
         points = row.states["points"][0, : row.states["n_points"][0]].copy()
         margin, turn = float(row.states["margin"][0]), float(row.states["turn"][0])
-        row.states["twist"][0] = self.method.twist(
-            AssistInput((v, w), reading, points, margin, turn, map)
-        )
+        now = AssistInput((v, w), reading, points, margin, turn, map)
+        row.states["twist"][0] = self.method.twist(now)
         return row.twist()

@@ -24,9 +24,8 @@ _FOR_EVER = 1e6  # s
 def open_space() -> Episode:
     """An episode without walls and without a goal that is ever reached, around the start."""
     n = round(_EXTENT / _CELL)
-    grid = OccupancyGrid(
-        np.full((n, n), FREE, np.int8), _CELL, (-0.5 * _EXTENT, -0.5 * _EXTENT, 0.0)
-    )
+    corner = (-0.5 * _EXTENT, -0.5 * _EXTENT, 0.0)
+    grid = OccupancyGrid(np.full((n, n), FREE, np.int8), _CELL, corner)
     return without_goal(grid, np.zeros(3), np.empty((0, 4)))
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from agents.learning.weights import find_weights
 from agents.people.assistant import AssistMission, Freedom
-from agents.policies.trained import Trained, read_network
+from agents.policies.learned import Trained, read_network
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.settings import InputError, setting, settings
 from wheelchair_gym.maps import OccupancyGrid

@@ -11,20 +11,14 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from agents import read_data
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.errors import shorten
 from wheelchair_gym.base.registry import Registry, imported, is_place
 from wheelchair_gym.base.settings import InputError, dump, load, suggest
 from wheelchair_gym.types import Command, Mission, Reading
 
-# Settings of planners for driving: shortest paths shall keep away from walls; turning in place and
-# reversing, where no sensor looks, are slow.
-_SLOW = {"pivot_speed_ratio": 0.25, "reverse_factor": 4.0, "limits": {"backward": 0.1}}
-DRIVING: dict[str, dict[str, Any]] = {
-    "a_star": {"obstacle_weight": 4.0, "desired_clearance": 0.7},
-    "lattice": _SLOW,
-    "se2_rrt_star_woa": _SLOW,
-}
+DRIVING: Final[dict[str, dict[str, Any]]] = read_data("driving.yaml")  # settings of planners
 
 # Settings class of every family of policies; each has `make() -> Policy`.
 POLICIES: Final = Registry(
@@ -33,7 +27,7 @@ POLICIES: Final = Registry(
         "assisted": "agents.policies.assisted:Assisted",
         "explore": "agents.policies.explore:Explore",
         "learned": "agents.policies.learned:Learned",
-        "manual": "agents.policies.manual:Manual",
+        "manual": "agents.policies.scripted:Manual",
         "planned": "agents.policies.planned:Planned",
         "random": "agents.policies.scripted:RandomPolicy",
         "sb3": "agents.policies.sb3:Sb3Model",

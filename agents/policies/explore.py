@@ -31,33 +31,21 @@ GAP = 1.0  # m2 of unknown space: a short frontier with less beyond is a gap bet
 
 
 @settings
-class Explore:
+class Explore(Planned):
     """Explore by frontiers (Yamauchi 1997), as T1 in a house without a map.
 
     The chair draws its map and localizes on it (pose source `slam`), drives to the frontier that is
     nearest, counting the rest of the way to the goal, and plans to the goal once a path over
-    explored space leads there. Without a goal it stops when no frontier is left.
+    explored space leads there. Without a goal it stops when no frontier is left. To each place it
+    drives as `Planned` with the same settings; the deadline is that of a choice with its plans.
     """
 
     planner: Mapping[str, Any] = field(
         default_factory=lambda: {"name": "lattice"}, metadata={"source": "design choice"}
     )
     """Name and settings of the planner."""
-    follower: Mapping[str, Any] = field(
-        default_factory=lambda: {"name": "window"}, metadata={"source": "league: most arrivals"}
-    )
-    """Name and settings of the follower."""
     seek: bool = setting(default=True)
     """Drive to the goal; false: map all there is."""
-    seed: int = setting(default=0, low=0)
-    """Seed of the planner, with the episode's key."""
-    deadline: float = setting(default=1.0, unit="s", low=0.05)
-    """Time within which a choice with its plans has to be there, as in `Planned`."""
-    planning_time: float = setting(default=0.0, unit="s", low=0.0)
-    """Time that it takes in simulation; 0: none, the chair follows it at once."""
-
-    def __post_init__(self) -> None:
-        self.planned()
 
     def planned(self) -> Planned:
         """Return the settings of the policy that drives to each place."""
@@ -95,7 +83,7 @@ class Explorer:
         self._since = np.inf  # s since the last search
         self._seen = 0  # explored cells when frontiers were last given up
         self.state = "explore"
-        self._driver: PlannedDriver = self.config.planned().make()
+        self._driver = PlannedDriver(self.config.planned())
         self._driver.reset(mission)
         self.planning = self._driver.planning
         if not self.planning.busy:

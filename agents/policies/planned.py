@@ -28,18 +28,8 @@ from agents.control import make_follower
 from agents.control.followers import Situation
 from agents.control.rollout import ChairState, ReferencePath
 from agents.control.unknown_space import MAP_MARGIN, blind_behind
+from agents.policies import Policy, recoveries
 from agents.policies.planning import Planning, Thinking
-from agents.policies.recoveries import (
-    BACK,
-    DETOUR,
-    RETRY_TIME,
-    ROOM,
-    BackUp,
-    DetourPolicy,
-    ProgressMonitor,
-    Spin,
-    StatusReport,
-)
 from agents.policies.scripted import episode_rng
 from agents.policies.search import Answer, Search
 from agents.policies.surroundings import CRAWL, Surroundings
@@ -112,7 +102,7 @@ class Planned:
         make_planner(dict(self.planner))
         make_follower(self.follower)
 
-    def make(self) -> PlannedDriver:
+    def make(self) -> Policy:
         """A fresh policy."""
         return PlannedDriver(self)
 
@@ -175,9 +165,10 @@ class PlannedDriver:
         self._surroundings = Surroundings(mission)
         self._local_map = self._surroundings.local_map
         self._chair = ChairState(mission.limits, mission.footprint, mission.period)
-        self._progress, self._detours = ProgressMonitor(config.patience), DetourPolicy()
-        self._spin, self._backup = Spin(), BackUp(config.backing)
-        self._report = StatusReport(mission.footprint)
+        self._progress = recoveries.ProgressMonitor(config.patience)
+        self._detours = recoveries.DetourPolicy()
+        self._spin, self._backup = recoveries.Spin(), recoveries.BackUp(config.backing)
+        self._report = recoveries.StatusReport(mission.footprint)
         self.goal, self.plans = np.asarray(mission.goal, dtype=np.float64), 0
         self.answer = Answer(Plan(Status.EXHAUSTED), config.clearance, pose)
         self._path = ReferencePath(pose[None, :2], pose)  # it stands there until it has a plan
@@ -306,11 +297,11 @@ class PlannedDriver:
 
     def is_by_obstacle(self) -> bool:
         """Return True if a temporary obstacle is within 2 m."""
-        return len(self._surroundings.obstacles_within(ROOM)) > 0
+        return len(self._surroundings.obstacles_within(recoveries.ROOM)) > 0
 
     def is_plan_longer(self) -> bool:
         """Return True if a path planned for want of progress is 2 m longer than the last one."""
-        return self._path.left >= self._progress.left_before + DETOUR
+        return self._path.left >= self._progress.left_before + recoveries.DETOUR
 
     def is_plan_in_view(self) -> bool:
         """Return True if the plan leads through known space, or it is seen behind the chair."""
@@ -337,7 +328,7 @@ class PlannedDriver:
     def has_backed_out(self) -> bool:
         """Advance the timer; return True if `backing`, longer in one place, is over."""
         crawls = self._surroundings.crawls
-        self._backup.left -= self._mission.period * (CRAWL / BACK if crawls else 1.0)
+        self._backup.left -= self._mission.period * (CRAWL / recoveries.BACK if crawls else 1.0)
         return self._backup.left <= 0.0
 
     # ---- actions of transitions
@@ -376,7 +367,7 @@ class PlannedDriver:
     def plan_aside(self) -> None:
         """Plan to a place that leaves room to what blocks the path."""
         search = self._search([self._local_map.temporary.painted()])
-        blocking = self._surroundings.obstacles_within(ROOM)
+        blocking = self._surroundings.obstacles_within(recoveries.ROOM)
         self.planning.ask(partial(search.plan_aside, blocking), self._receive_aside)
 
     def back_up(self) -> None:
@@ -429,7 +420,8 @@ class PlannedDriver:
         if answer.solved:
             self._progress.stalled_time = 0.0
         self._report.explain(answer.plan)
-        self._retry_in = 0.0 if answer.solved else RETRY_TIME  # finding nothing takes longest
+        # Finding nothing takes longest.
+        self._retry_in = 0.0 if answer.solved else recoveries.RETRY_TIME
         if answer.solved or self._follower is None:
             self._take_path(path, answer.clearance)
         self._fire(Event.PLAN)
@@ -447,8 +439,8 @@ class PlannedDriver:
             blocked = answer.plan.status is Status.GOAL_OCCUPIED
             why = "" if answer.solved else "the goal is blocked" if blocked else "no way round"
         if why:
-            detours.pause = RETRY_TIME
-            report.set("waits", why, RETRY_TIME)
+            detours.pause = recoveries.RETRY_TIME
+            report.set("waits", why, recoveries.RETRY_TIME)
         else:
             self._take_path(path, answer.clearance)
             detours.taken = True

@@ -21,6 +21,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from agents import read_data
 from agents.learning.features import Layout
 from agents.policies.learned import LearnedDriver
 from wheelchair_gym.base.arrays import Floats
@@ -31,20 +32,8 @@ from wheelchair_gym.envs.settings import EnvSettings
 from wheelchair_gym.task.task import Task
 
 RECORD = "wheelchair.json"  # the member of the .zip that `save_model` writes
-# Wrappers of an environment that change neither observations nor actions; of VecNormalize the
-# record holds the statistics.
-HARMLESS = {
-    "ClipReward", "Monitor", "NormalizeReward", "OrderEnforcing", "PassiveEnvChecker",
-    "RecordEpisodeStatistics", "RecordEpisodes", "RecordVideo", "TimeLimit", "TransformReward",
-    "VecCheckNan", "VecMonitor", "VecNormalize", "VecVideoRecorder",
-}  # fmt: skip
-# The class of a model by the module of its network's class; of PPO and A2C, by their settings.
-_ALGORITHMS = {
-    "stable_baselines3.sac.policies": "stable_baselines3:SAC",
-    "stable_baselines3.td3.policies": "stable_baselines3:TD3",
-    "sb3_contrib.tqc.policies": "sb3_contrib:TQC",
-    "sb3_contrib.common.recurrent.policies": "sb3_contrib:RecurrentPPO",
-}
+_KNOWN = read_data("sb3.yaml")  # what is known of models and of wrappers
+HARMLESS = set(_KNOWN["harmless_wrappers"])
 
 
 @settings
@@ -179,7 +168,7 @@ def _algorithm(path: Path) -> tuple[Any, dict[str, Any] | None]:
         raise
     except Exception:  # whatever a damaged archive makes of itself
         raise InputError(f"{path}: expected a model that stable-baselines3 saved (.zip)") from None
-    place = _ALGORITHMS.get(module)
+    place = _KNOWN["algorithms"].get(module)
     if place is None:
         place = "stable_baselines3:PPO" if "clip_range" in data else "stable_baselines3:A2C"
     package, _, name = place.partition(":")

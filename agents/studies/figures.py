@@ -18,7 +18,6 @@ from agents.evaluation.plots import (
     DASHES,
     MARKS,
     error_bars,
-    legend_above,
     new_axes,
     new_panels,
 )
@@ -30,13 +29,7 @@ from agents.studies.model import LENGTH, NODES, RATIO, Metric, Results, Row
 from planners import make_planner
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.rendering import palette
-from wheelchair_gym.scenes import make_scene
-from wheelchair_gym.scenes.published import (
-    CHAOTIC_PSO_DISCS,
-    GREY_WOLF_DISCS,
-    GREY_WOLF_GOALS,
-    LAB_SIZE,
-)
+from wheelchair_gym.scenes import make_scene, published
 
 BASELINE: Final = "rrt_star"
 SHORTEST: Final = "visibility (shortest)"
@@ -106,7 +99,6 @@ def trend_figures(r: Results, what: str) -> Figures:
                           zorder=1)  # fmt: skip
         axes.set_ylabel(metric.heading)
     panels[-1].set_xlabel(what)
-    legend_above(figure, panels[0])
     return {"trend": figure}
 
 
@@ -129,7 +121,6 @@ def box_figures(r: Results) -> Figures:
                   label=metric.name)  # fmt: skip
     plot.set_xticks(range(len(rows)), list(rows), fontsize=7.5)
     plot.set(ylim=(len(rows) + 0.2, 0.8), ylabel="mean rank (1: best)")
-    legend_above(table, plot)
     return {"boxes": figure, "ranks": table, "paths": _smoothed_paths()}
 
 
@@ -144,7 +135,6 @@ def _smoothed_paths() -> Figure:
             line = of.plan(problem_of(scene, 0.4), np.random.default_rng(seed)).path
             axes.plot(*line[:, :2].T, DASHES[1 - k], color=COLOURS[k], label=label)
         axes.set_title(f"path {path}, seed {seed}")
-    legend_above(figure, panels[0])
     return figure
 
 
@@ -158,7 +148,6 @@ def ladder_figures(r: Results) -> Figures:
         axes.set_ylabel(metric.heading)
         axes.set_xticks([1, 2, 3], ["lab 1", "lab 2", "lab 3"])
     panels[1].set_ylim(bottom=0.0)
-    legend_above(figure, panels[0])
     rungs, plot = new_axes(2.8)
     for k, method in enumerate(methods):
         found = []
@@ -169,7 +158,6 @@ def ladder_figures(r: Results) -> Figures:
             found.append((100.0 * hits / max(runs, 1), 100.0 * low, 100.0 * high))
         error_bars(plot, [row.x for row in rows], found, k, method, "-")
     plot.set(xlabel="boxes in a room of 7 m x 5 m", ylabel="solved [%]", ylim=(-3, 103))
-    legend_above(rungs, plot)
     return {"labs": figure, "ladder": rungs, "paths": _lab_paths(r, methods[:3])}
 
 
@@ -186,7 +174,7 @@ def _lab_paths(r: Results, methods: Sequence[str]) -> Figure:
         axes.plot(*plan.tree.reshape(-1, 2, 2).T, color=COLOURS[5], linewidth=0.5)
         axes.plot(*plan.path[:, :2].T, color=COLOURS[1], linewidth=1.5)
         _ends(axes, problem.start, problem.goal)
-        axes.set(aspect="equal", xlim=(0, LAB_SIZE[0]), ylim=(0, LAB_SIZE[1]))
+        axes.set(aspect="equal", xlim=(0, published.LAB_SIZE[0]), ylim=(0, published.LAB_SIZE[1]))
         axes.set_title(f"{methods[k // 3]}, {lab}", fontsize=8)
         axes.tick_params(labelsize=6)
     return figure
@@ -202,7 +190,6 @@ def method_figures(r: Results) -> Figures:
             axes.plot(ratio.mean(), nodes.mean(), MARKS[k % 8], color=COLOURS[k % 8], label=row,
                       markersize=7, fillstyle="full" if k < 8 else "none")  # fmt: skip
     axes.set(yscale="log", xlabel="length / shortest (mean over rooms)", ylabel="nodes")
-    legend_above(figure, axes)
     return {"methods": figure}
 
 
@@ -244,20 +231,17 @@ def map_figures(r: Results, rows: Sequence[str], best: str, scene: str) -> Figur
         error_bars(axes, x, [(one.value, *one.interval) for one in ones], k, row)
     axes.set_xticks(range(len(strata)), [f"map {s[-1]}" for s in strata])
     axes.set_ylabel(LENGTH.heading)
-    legend_above(figure, axes)
     drawn, plot = new_axes(3.4)
     jobs = {row.label: row.jobs[scene] for row in r.study.rows}
     _draw_scene(plot, jobs[best]["scene"])
     for k, row in enumerate([*rows, best]):
         for seed in range(20):  # the first that finds a path
-            plan = make_planner(jobs[row]["planner"]).plan(
-                problem_of(jobs[row]["scene"]), np.random.default_rng(seed)
-            )
+            planner, problem = make_planner(jobs[row]["planner"]), problem_of(jobs[row]["scene"])
+            plan = planner.plan(problem, np.random.default_rng(seed))
             if len(plan.path):
                 plot.plot(*plan.path[:, :2].T, DASHES[k % 4], color=COLOURS[k], linewidth=1.5,
                           label=row)  # fmt: skip
                 break
-    legend_above(drawn, plot)
     return {"lengths": figure, "paths": drawn}
 
 
@@ -292,14 +276,12 @@ def convergence_figures(r: Results) -> Figures:
         axes.fill_between(x, *np.percentile(curves, [10, 90], axis=0), color=COLOURS[k],
                           alpha=0.15, linewidth=0)  # fmt: skip
     axes.set(xlabel="iteration", ylabel="least cost [m]")
-    legend_above(figure, axes)
     paths, plot = new_axes(3.9)
-    _discs(plot, CHAOTIC_PSO_DISCS)
+    _discs(plot, published.CHAOTIC_PSO_DISCS)
     for k, (row, label) in enumerate(names.items()):
         plot.plot(*np.array(best[row]["line"]).T, DASHES[k], color=COLOURS[k], label=label)
     _ends(plot, (1, 1), (9, 9))
     plot.set(xlim=(0, 10), ylim=(0, 10), aspect="equal", xlabel="x [m]", ylabel="y [m]")
-    legend_above(paths, plot)
     speeds, panels = new_panels(9.0, 6)
     for k, (row, label) in enumerate(names.items()):
         found = velocities(np.array(best[row]["line"]))
@@ -308,14 +290,13 @@ def convergence_figures(r: Results) -> Figures:
             axes_.plot(t, values, DASHES[k], color=COLOURS[k], linewidth=1.2, label=label)
             axes_.set_ylabel(name)
     panels[-1].set_xlabel("time [s]")
-    legend_above(speeds, panels[0])
     return {"convergence": figure, "paths": paths, "velocities": speeds}
 
 
 def disc_figures(r: Results) -> Figures:
     """R1: lengths by goal and method, and paths of the best runs."""
     methods = list(dict.fromkeys(row.label.partition(" (")[0] for row in r.study.rows))
-    goals = [f"({goal})" for goal in GREY_WOLF_GOALS]
+    goals = [f"({goal})" for goal in published.GREY_WOLF_GOALS]
     figure, axes = new_axes(3.2)
     for k, method in enumerate(methods):
         rows = [row for row in r.study.rows if row.label.startswith(f"{method} (")]
@@ -326,19 +307,17 @@ def disc_figures(r: Results) -> Figures:
                   label="published" if k == 0 else None)  # fmt: skip
     axes.set_xticks(range(len(goals)), goals)
     axes.set_ylabel(LENGTH.heading)
-    legend_above(figure, axes)
     paths, panels = new_panels(6.6, 3, 2)
     for goal, plot in zip(goals, panels, strict=True):
-        _discs(plot, GREY_WOLF_DISCS)
+        _discs(plot, published.GREY_WOLF_DISCS)
         for k, method in enumerate(methods):
             kept = _kept(r, f"{method} {goal}")
             if kept:
                 line = np.array(min(kept, key=lambda rec: rec["length_m"])["line"])
                 plot.plot(*line.T, DASHES[k % 4], color=COLOURS[k], linewidth=1.1, label=method)
-        _ends(plot, (0, 0), GREY_WOLF_GOALS[goal[1:-1]])
+        _ends(plot, (0, 0), published.GREY_WOLF_GOALS[goal[1:-1]])
         plot.set(aspect="equal", title=goal, xlim=(-1, 25), ylim=(-1, 25))
         plot.tick_params(labelsize=7)
-    legend_above(paths, paths.axes[0])
     return {"lengths": figure, "paths": paths}
 
 
@@ -352,8 +331,6 @@ def rollout_figures(r: Results, scenes: Sequence[str]) -> Figures:
         if kept:
             axes.plot(*np.array(kept[0]["path"]).T, "--", color=COLOURS[1], label="path")
             axes.plot(*np.array(kept[0]["driven"]).T, color=COLOURS[0], label="roll-out")
-            if row is drawn[0]:
-                legend_above(figure, axes)
     return {"driven": figure}
 
 
@@ -368,7 +345,6 @@ def agreement_figures(r: Results) -> Figures:
     ends = np.array(axes.get_xlim())
     axes.plot(ends, ends, color=_GREY, linewidth=1.0, zorder=1)
     axes.set(xlabel="predicted length [m]", ylabel="printed length [m]")
-    legend_above(figure, axes)
     return {"agreement": figure}
 
 
@@ -388,7 +364,6 @@ def gain_figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
         )
     for axes in panels[-2:]:
         axes.set_xlabel("evaluations of one swarm")
-    legend_above(figure, panels[0])
     return figure
 
 

@@ -177,7 +177,11 @@ class PlanPictures:
         if self.made is None:
             best = make_planner("visibility").plan(self.drawn.problem, np.random.default_rng(0))
         more: dict[str, Any] = {"raw": raw.path if whales else None}
-        swarm = whales[3 * len(whales) // 4] if whales else self._max_kinds()
+        if whales:
+            swarm = whales[3 * len(whales) // 4]
+        else:  # around the random sample at which most kinds of whales are seen
+            swarms = (self._steering(self.plan, k) for k in range(_SAMPLES))
+            swarm = max(swarms, key=lambda whales: len({words for words, _, _ in whales}))
         panels = []
         if swarm:
             bare = replace(raw, path=raw.path[:0]) if whales else raw
@@ -185,11 +189,6 @@ class PlanPictures:
         more["optimum"] = best.path if best is not None and len(best.path) else None
         last = self._shown(self.plan, **more).draw(720 if swarm else 960, caption, legend=True)
         return np.vstack([*panels, last])
-
-    def _max_kinds(self) -> list[Whale]:
-        """Whales around the one of some random samples at which most kinds of whales are seen."""
-        swarms = (self._steering(self.plan, k) for k in range(_SAMPLES))
-        return max(swarms, key=lambda whales: len({words for words, _, _ in whales}))
 
     def film(self) -> Iterator[Image]:
         """Pictures (h, w, 3) at `RATE`: the tree, the whales, the roll-out; the last for 1 s."""
@@ -211,9 +210,8 @@ class PlanPictures:
 
     def _shown(self, plan: Plan, poses: int | None = None, **more: Any) -> PlanPicture:
         """A plan with the first poses of the roll-out, or with all; then also all footprints."""
-        problem, rollout = self.drawn.problem, None
-        if self.made is not None:
-            rollout = self.made.rollout[:poses]
+        problem = self.drawn.problem
+        rollout = None if self.made is None else self.made.rollout[:poses]
         outlines = _footprints(problem, plan.path if rollout is None else rollout, self.planner)
         if rollout is not None and poses is not None:
             outlines = outlines[-1:]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
-from itertools import groupby, product
+from itertools import chain, groupby, product
 from pathlib import Path
 from typing import Any, Final
 
@@ -85,14 +85,12 @@ def write_studies_page(
     path: Path, title: str, chapters: Sequence[tuple[Chapter, Figures]], source: Mapping[str, Any]
 ) -> Path:
     """Write one page of all chapters, which needs no other file."""
-    found = []
+    found, order = [], list(_CLASSES)
     for chapter, drawn in chapters:
         claims = [
             {**claim, "effect": effect_text(claim), "study": chapter["name"],
              "class": _CLASSES[ClaimVerdict(claim["verdict"])]}
-            for claim in sorted(
-                chapter["claims"], key=lambda claim: list(_CLASSES).index(claim["verdict"])
-            )
+            for claim in sorted(chapter["claims"], key=lambda of: order.index(of["verdict"]))
         ]  # fmt: skip
         fits = _fits(chapter["readings"]) if chapter["readings"] else None
         table = None if fits else _table(chapter)
@@ -213,14 +211,9 @@ def _readings(
 def _study(name: str, values: dict[str, Any], known: Mapping[str, Study]) -> Study:
     figure, *arguments = values.pop("figures")
     groups = values.pop("rows")
+    rows = (_readings(**g, known=known) if "readings" in g else _rows(name, **g) for g in groups)
     parts = {
-        "rows": [
-            row
-            for group in groups
-            for row in (
-                _readings(**group, known=known) if "readings" in group else _rows(name, **group)
-            )
-        ],
+        "rows": chain.from_iterable(rows),
         "metrics": [Metric(**metric) for metric in values.pop("metrics")],
         "claims": [Claim(**claim) for claim in values.pop("claims")],
         "notes": values.pop("notes"),

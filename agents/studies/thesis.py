@@ -19,9 +19,7 @@ from planners.rrt_star_woa.control_generator import ControlGenerator, Controls
 from planners.rrt_star_woa.thesis import ThesisFile
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.errors import InputError, shorten
-from wheelchair_gym.geometry.kinematics import Limits
-from wheelchair_gym.geometry.outline import Footprint
-from wheelchair_gym.geometry.planar import polygon_edges
+from wheelchair_gym.geometry import kinematics, outline, planar
 from wheelchair_gym.maps import occupied_polygons, read_grid
 from wheelchair_gym.scenes import make_scene
 
@@ -122,10 +120,10 @@ def controls_of(drawn: Drawn, plan: Plan, seed: int) -> Controls:
     """
     start, path = drawn.problem.start, plan.path
     heading = start[2] if len(start) == 3 else np.arctan2(*(path[1] - path[0])[1::-1])
-    walls = np.concatenate([np.empty((0, 4)), *map(polygon_edges, drawn.solid)])
+    walls = np.concatenate([np.empty((0, 4)), *map(planar.polygon_edges, drawn.solid)])
     rng = np.random.default_rng(seed)
     return ControlGenerator().generate(
-        path, [*start[:2], heading], walls, (), Footprint(), Limits(), rng
+        path, [*start[:2], heading], walls, (), outline.Footprint(), kinematics.Limits(), rng
     )
 
 

@@ -1,7 +1,5 @@
 """A chair on paper: it drives exactly as its ramps say, and sees exactly."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tests.sensors.test_laser import brute_force

@@ -1,7 +1,5 @@
 """Laws of a deployed policy: slow at first, honest about what happens, and never left driving."""
 
-from __future__ import annotations
-
 import io
 import json
 import os
@@ -18,6 +16,7 @@ from mcap.reader import make_reader
 from agents.cli import main
 from agents.deploy import Capped, Deployment, deploy, listen_for_rearm, rearm, rehearse
 from agents.policies import make_policy
+from agents.watch import ignore
 from tests.agents.cli.test_drive_command import rearm_by_hand
 from tests.agents.fakes import PaperWorld, corridor
 from tests.conftest import ROOT, long_but, until
@@ -68,7 +67,7 @@ def test_a_cap_begins_low_rises_while_it_drives_and_keeps_the_arc():
 class Drive:
     """A policy over the twin in simulated time, with its log."""
 
-    def __init__(self, dry=False, each=None, shield=None, **own):
+    def __init__(self, dry=False, each=ignore, shield=None, **own):
         self.settings = env_settings(
             str(ROOT / "configs" / "hardware.json"), pose_source="odometry", noise=False
         )

@@ -1,7 +1,5 @@
 """Laws of the check of a start: true starts pass, those that are far off are refused."""
 
-from __future__ import annotations
-
 import itertools
 import math
 

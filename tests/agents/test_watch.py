@@ -1,7 +1,5 @@
 """A watched run is the same run: a comparison's episodes, a survey, a replay."""
 
-from __future__ import annotations
-
 import pytest
 from mcap.reader import make_reader
 

@@ -6,8 +6,6 @@ policy in another process. Control steps that ended more than 10 ms late are cou
 machine that is otherwise idle. Exit code 1: a goal was not reached, or something was touched.
 """
 
-from __future__ import annotations
-
 import argparse
 import itertools
 import json

@@ -5,8 +5,6 @@ All times are of the emulated world, so they are the same on any machine; `times
 depends on this one.
 """
 
-from __future__ import annotations
-
 import json
 import subprocess
 import time

@@ -7,8 +7,6 @@ and for 1 cm beside the chair (narrow). Seconds are those of the process, deadli
 programs do not count.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import time

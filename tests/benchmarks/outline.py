@@ -7,8 +7,6 @@ same connections, exact test and cost. Every path is judged by shapely. Problems
 do not count. Rows that the file has already are kept, and what is missing is run.
 """
 
-from __future__ import annotations
-
 import argparse
 import time
 from itertools import product

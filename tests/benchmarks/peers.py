@@ -19,12 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.benchmarks.environments import (
-    bench_settings,
-    measure_rate,
-    single_env_rate,
-    vector_env_rate,
-)
+from agents.benchmarks import environments
 from agents.benchmarks.irsim import irsim_rate
 from agents.evaluation.provenance import provenance
 from wheelchair_gym.envs import NavigationEnv
@@ -41,7 +36,7 @@ def rate(step: Callable[[], Any], n: int, seconds: float) -> float:
         step()
         return n
 
-    return measure_rate(steps, seconds)
+    return environments.measure_rate(steps, seconds)
 
 
 def vmas_stepper(episode: Episode, beams: int, n: int) -> Callable[[], Any]:
@@ -131,16 +126,16 @@ def main() -> None:
         parser.add_argument(f"--{name}", type=kind, default=value)
     parser.add_argument("--envs", type=int, default=1024)
     given = parser.parse_args()
-    settings, many = bench_settings(given.beams, 64), given.envs
+    settings, many = environments.bench_settings(given.beams, 64), given.envs
     env = NavigationEnv(config=settings)
     worlds, episode = env.worlds, env.worlds.episode(0, 0).episode
     for seed in range(64):
         worlds.episode(seed, 0)
     spent = given.seconds
     cases: dict[str, tuple[int, str, Callable[[], float]]] = {
-        "wheelchair_gym": (1, OURS, lambda: single_env_rate(settings, worlds, spent)),
+        "wheelchair_gym": (1, OURS, lambda: environments.single_env_rate(settings, worlds, spent)),
         "wheelchair_gym ": (
-            many, OURS, lambda: vector_env_rate(settings, worlds, many, 2, spent)[0],
+            many, OURS, lambda: environments.vector_env_rate(settings, worlds, many, 2, spent)[0],
         ),
         "IR-SIM": (
             1, "the chair's box, the same walls, a scan; no reset",

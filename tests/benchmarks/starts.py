@@ -3,8 +3,6 @@
 Run: python -m tests.benchmarks.starts [--worlds 30]
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 

@@ -1,7 +1,5 @@
 """Fingerprints of runs: as a program, it prints those of each environment that it is named."""
 
-from __future__ import annotations
-
 import hashlib
 import sys
 

@@ -1,7 +1,5 @@
 """Arguments of environments: paths and arrays as plain values; unknown ones are refused."""
 
-from __future__ import annotations
-
 import inspect
 import json
 import time

@@ -1,7 +1,5 @@
 """Laws of environments in which a person drives: the assistant sees its stick and not its goal."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode

@@ -1,7 +1,5 @@
 """Gymnasium's and stable-baselines3's own tools work with every id, single and many."""
 
-from __future__ import annotations
-
 import gymnasium as gym
 import numpy as np
 import pytest

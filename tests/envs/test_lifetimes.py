@@ -1,7 +1,5 @@
 """Worlds are dropped when no row needs them; a process with environments ends silently."""
 
-from __future__ import annotations
-
 import gc
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Laws of the environments: Gymnasium's and SB3's contracts, repeatability, settings, ends."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import warnings

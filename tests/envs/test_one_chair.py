@@ -1,7 +1,5 @@
 """Laws of the compiled loop over one chair: equal to the loop in parts, never writing twice."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

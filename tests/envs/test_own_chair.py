@@ -1,7 +1,5 @@
 """Laws of a chair of one's own: outline, mass and sensors from one config."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Rendering of an env: films of whole episodes, and a window that may be closed at any time."""
 
-from __future__ import annotations
-
 import gymnasium
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Twenty million steps with random actions: nothing breaks, nothing leaks, nobody stands still."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Training worlds and test worlds come from streams that share no state of a generator."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """Laws of many chairs at once: row i is the single env seeded with seed + i, bit for bit."""
 
-from __future__ import annotations
-
 import math
 
 import gymnasium as gym

@@ -1,7 +1,5 @@
 """Requirements of the hardware tests: compilers, and the emulator."""
 
-from __future__ import annotations
-
 import os
 
 import pytest

@@ -4,8 +4,6 @@ It speaks the protocol over a real WebSocket: subscribe, unsubscribe, advertise,
 The chair has no watchdog of its own: it keeps to the last command for ever. Its clock is not ours.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import threading

@@ -1,7 +1,5 @@
 """A hardware chair over the twin in simulated time, with a person beside it."""
 
-from __future__ import annotations
-
 from tests.hardware.conftest import build_twin
 from tests.sim.worlds import box
 from wheelchair_gym.hardware.settings import HardwareSettings

@@ -5,17 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tests.sim.worlds import box
-from wheelchair_gym.hardware.boards.protocol import (
-    Answer,
-    Command,
-    Mode,
-    Odometry,
-    Parameter,
-    Ranges,
-    Rearm,
-    Receiver,
-    encode,
-)
+from wheelchair_gym.hardware.boards import protocol
 from wheelchair_gym.hardware.twin.lockstep import Twin
 from wheelchair_gym.hardware.twin.plant import Plant
 from wheelchair_gym.sensors.settings import SensorSettings
@@ -33,17 +23,17 @@ class Pilot:
         self.target = None
         self.heard, self.odometry = {}, []
         self.bad = 0
-        self._receivers = Receiver(), Receiver()
+        self._receivers = protocol.Receiver(), protocol.Receiver()
         self._sequence = 0
 
     def send(self, message, board="drive"):
         self._sequence += 1
-        getattr(self.twin, board).write(b"\0" + encode(message, self._sequence))
+        getattr(self.twin, board).write(b"\0" + protocol.encode(message, self._sequence))
 
     def run(self, seconds):
         for _ in range(round(seconds / PERIOD)):
             if self.target is not None:
-                self.send(Command(*self.target))
+                self.send(protocol.Command(*self.target))
             self.twin.run(PERIOD)
             self.listen()
         return self
@@ -55,11 +45,11 @@ class Pilot:
             data = board.read()
             for frame in receiver.feed(data):
                 self.heard[type(frame.message)] = frame.message
-                if isinstance(frame.message, Odometry):
+                if isinstance(frame.message, protocol.Odometry):
                     self.odometry.append(frame.message)
         self.bad = sum(receiver.bad for receiver in self._receivers)
 
-    def ask(self, message, kind=Parameter, board="drive"):
+    def ask(self, message, kind=protocol.Parameter, board="drive"):
         """Send a message; the answer."""
         self.heard.pop(kind, None)
         self.send(message, board)
@@ -70,11 +60,11 @@ class Pilot:
     def start(self, v=0.0, w=0.0, seconds=3.0):
         self.target = (0.0, 0.0)
         self.run(0.1)
-        answer = self.ask(Rearm(0xFFFF), Answer)
+        answer = self.ask(protocol.Rearm(0xFFFF), protocol.Answer)
         assert answer.status == 0, answer
         self.target = (v, w)
         self.run(seconds)
-        assert self.now.mode == Mode.HOST, self.now
+        assert self.now.mode == protocol.Mode.HOST, self.now
         return self
 
     def until_rest(self, maximum=3.0):
@@ -86,12 +76,12 @@ class Pilot:
         return (self.twin.steps - steps) * 0.001
 
     @property
-    def now(self) -> Odometry:
-        return self.heard[Odometry]
+    def now(self) -> protocol.Odometry:
+        return self.heard[protocol.Odometry]
 
     @property
-    def ranges(self) -> Ranges:
-        return self.heard[Ranges]
+    def ranges(self) -> protocol.Ranges:
+        return self.heard[protocol.Ranges]
 
     @property
     def pose(self):

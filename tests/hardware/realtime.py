@@ -1,7 +1,5 @@
 """A twin in real time in a room of its own, with the config and the map that a host needs."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import json

@@ -1,7 +1,5 @@
 """`wheelchair` in a process of its own, for tests."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

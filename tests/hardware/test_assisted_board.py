@@ -1,23 +1,14 @@
 """The drive board while a person drives by its joystick, with or without the host's help."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 from tests.hardware.bench import Bench, ibus
-from wheelchair_gym.hardware.boards.protocol import (
-    CommandFlag,
-    Fault,
-    JoystickFlag,
-    Mode,
-    Status,
-    Switch,
-)
+from wheelchair_gym.hardware.boards import protocol
 
 STEP = 0.005  # s
-HELPED = CommandFlag.ASSISTED
-HELD = JoystickFlag.FRESH | JoystickFlag.HELD
+HELPED = protocol.CommandFlag.ASSISTED
+HELD = protocol.JoystickFlag.FRESH | protocol.JoystickFlag.HELD
 
 
 @pytest.fixture
@@ -43,7 +34,7 @@ def driving(bench):
     hand(bench, 0.1, host=0.0)
     hand(bench, 3.0, ahead=1.0, host=0.5)
     assert bench.speeds[0] == pytest.approx(0.5, abs=0.01)
-    assert bench.odometry().mode == Mode.HOST
+    assert bench.odometry().mode == protocol.Mode.HOST
     return bench
 
 
@@ -90,12 +81,12 @@ def test_nothing_moves_before_the_centre_was_seen_with_the_switch_held(firmware,
             ahead, held = float(rng.choice((0.0, 0.0, 0.6, -1.0))), bool(rng.random() < 0.7)
             heard, by_hand = rng.random() < 0.9, manual != bool(rng.random() < 0.1)
             if rng.random() < 0.1:  # a stop, and a host that re-arms at any stick position
-                bench.switches, bench.target = Switch.STOP_PRESSED, (0.0, 0.0, HELPED)
+                bench.switches, bench.target = protocol.Switch.STOP_PRESSED, (0.0, 0.0, HELPED)
                 hold(bench, model, 0.6, heard, ahead, held, by_hand)
                 bench.switches = 0
                 hold(bench, model, 0.02, heard, ahead, held, by_hand)
                 faults = bench.odometry().faults
-                if bench.rearm() == Status.DONE and faults:
+                if bench.rearm() == protocol.Status.DONE and faults:
                     model.frames = []
                 bench.target = (0.5, 0.0, HELPED)
             for free, fast in hold(
@@ -129,13 +120,13 @@ def hold(bench, model, seconds, heard, ahead, held, manual):
 def test_a_person_goes_on_by_hand_after_the_host_has_died(bench):
     driving(bench)
     hand(bench, 2.5, ahead=1.0)
-    assert bench.odometry().faults == Fault.LINK
+    assert bench.odometry().faults == protocol.Fault.LINK
     hand(bench, 0.1, manual=True, held=False)
     hand(bench, 0.2, ahead=1.0, manual=True)
-    assert bench.odometry().mode == Mode.STOPPED  # not re-armed with the stick pushed
+    assert bench.odometry().mode == protocol.Mode.STOPPED  # not re-armed with the stick pushed
     hand(bench, 0.1, manual=True, held=False)
     hand(bench, 0.1, manual=True)
-    assert bench.odometry().mode == Mode.MANUAL
+    assert bench.odometry().mode == protocol.Mode.MANUAL
     hand(bench, 3.0, ahead=1.0, manual=True)
     assert bench.speeds[0] == pytest.approx(0.4, abs=0.01)
 
@@ -147,9 +138,9 @@ def test_the_host_is_told_of_the_stick(bench):
     # Past the dead zone of 25 of 500.
     assert told.forward == pytest.approx(225 / 475, abs=1e-4)
     assert told.left == pytest.approx(-100 / 475, abs=1e-4)
-    assert (told.flags, told.age) == (HELD | JoystickFlag.MUST_CENTRE, 0.0)
+    assert (told.flags, told.age) == (HELD | protocol.JoystickFlag.MUST_CENTRE, 0.0)
     bench.stick(ibus(held=True))
     assert bench.joystick().flags == HELD
     bench.run(0.5)
-    assert not bench.joystick().flags & JoystickFlag.FRESH
+    assert not bench.joystick().flags & protocol.JoystickFlag.FRESH
     assert bench.joystick().age == 0.255

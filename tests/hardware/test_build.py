@@ -1,7 +1,5 @@
 """A missing tool is named, with the command that installs it."""
 
-from __future__ import annotations
-
 import pytest
 
 from wheelchair_gym.base.settings import InputError

@@ -1,7 +1,5 @@
 """Laws of the hardware chair over the emulated boards: paced, honest, and it always stops."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import gymnasium as gym

@@ -1,7 +1,5 @@
 """The chair stops after every fault: the host build of the drive board's firmware."""
 
-from __future__ import annotations
-
 import ctypes
 import math
 import subprocess

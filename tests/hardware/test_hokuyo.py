@@ -1,7 +1,5 @@
 """The laser's language: cut and joined anywhere, damaged, refused, wrapped; real scans read."""
 
-from __future__ import annotations
-
 import math
 import socket
 import threading
@@ -14,23 +12,12 @@ import pytest
 from tests.conftest import PATIENCE, until
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.hardware.connection import RETRY
+from wheelchair_gym.hardware.laser import scip
 from wheelchair_gym.hardware.laser.hokuyo import ANSWER_WITHIN, Hokuyo, open_laser
-from wheelchair_gym.hardware.laser.scip import (
-    STAMP_WRAP,
-    Reply,
-    ScipParser,
-    Specs,
-    checksum,
-    decode_numbers,
-    encode_numbers,
-    metres,
-    scan_of,
-    specs_of,
-)
 from wheelchair_gym.hardware.twin.laser import ScipSensor
 
-UST_10LX = Specs("UST-10LX", 20, 30000, 1440, 0, 1080, 540, 2400)
-URG_04LX = Specs("URG-04LX", 20, 5600, 1024, 44, 725, 384, 600)
+UST_10LX = scip.Specs("UST-10LX", 20, 30000, 1440, 0, 1080, 540, 2400)
+URG_04LX = scip.Specs("URG-04LX", 20, 5600, 1024, 44, 725, 384, 600)
 MODELS = {"ust": UST_10LX, "urg": URG_04LX}
 
 
@@ -49,25 +36,25 @@ def stream_of(model, scans=2):
 
 
 def test_checksums_are_those_of_the_specification():
-    assert (checksum(b"00"), checksum(b"99")) == (ord("P"), ord("b"))
-    assert encode_numbers([1234], 2) == b"CB"  # the specification's own examples
-    assert encode_numbers([5432], 3) == b"1Dh"
-    assert encode_numbers([16_000_000], 4) == b"m2@0"
-    assert decode_numbers(b"1DhCB0", 3).tolist() == [5432, 78976]
-    assert decode_numbers(b"1D", 3) is None
-    assert decode_numbers(b"1D\x07", 3) is None
+    assert (scip.checksum(b"00"), scip.checksum(b"99")) == (ord("P"), ord("b"))
+    assert scip.encode_numbers([1234], 2) == b"CB"  # the specification's own examples
+    assert scip.encode_numbers([5432], 3) == b"1Dh"
+    assert scip.encode_numbers([16_000_000], 4) == b"m2@0"
+    assert scip.decode_numbers(b"1DhCB0", 3).tolist() == [5432, 78976]
+    assert scip.decode_numbers(b"1D", 3) is None
+    assert scip.decode_numbers(b"1D\x07", 3) is None
 
 
 @pytest.mark.parametrize("name", MODELS)
 def test_replies_are_whole_at_every_cut_of_the_bytes(name):
     data = stream_of(MODELS[name], 1)
-    whole = ScipParser().feed(data)
+    whole = scip.ScipParser().feed(data)
     assert [reply.status for reply in whole] == ["0E", "00", "00", "00", "00", "99"]
     for cut in range(len(data) + 1):
-        parser = ScipParser()
+        parser = scip.ScipParser()
         assert parser.feed(data[:cut]) + parser.feed(data[cut:]) == whole
         assert parser.bad == 0
-    parser = ScipParser()
+    parser = scip.ScipParser()
     assert [reply for k in range(len(data)) for reply in parser.feed(data[k : k + 1])] == whole
 
 
@@ -77,23 +64,23 @@ def test_no_damaged_scan_is_believed(name):
     model = MODELS[name]
     data = stream_of(model, 1)
     start = data.rindex(f"MD{model.first:04d}{model.last:04d}".encode())
-    good = scan_of(ScipParser().feed(data[start:])[0], 30.0)
+    good = scip.scan_of(scip.ScipParser().feed(data[start:])[0], 30.0)
     rng = np.random.default_rng(1)
     for at in range(start, len(data)):
         broken = bytearray(data[start:])
         broken[at - start] ^= 1 << int(rng.integers(6))
         short = data[start:at] + data[at + 1 :]
-        for reply in ScipParser().feed(bytes(broken)) + ScipParser().feed(short):
-            scan = scan_of(reply, 30.0)
+        for reply in scip.ScipParser().feed(bytes(broken)) + scip.ScipParser().feed(short):
+            scan = scip.scan_of(reply, 30.0)
             assert scan is None or np.array_equal(scan.ranges, good.ranges)
 
 
 def test_random_bytes_are_no_replies():
-    parser = ScipParser()
+    parser = scip.ScipParser()
     rng = np.random.default_rng(2)
     for _ in range(200):
         for reply in parser.feed(rng.bytes(1000) + b"\n\n"):
-            assert scan_of(reply, 10.0) is None
+            assert scip.scan_of(reply, 10.0) is None
     assert parser.bad > 100
     parser.feed(b"x" * 200_000)  # a line that never ends is let go
     assert parser.feed(b"\n\n" + stream_of(UST_10LX, 0))[-1].status == "00"
@@ -102,7 +89,7 @@ def test_random_bytes_are_no_replies():
 @pytest.mark.parametrize("name", MODELS)
 def test_specifications_and_angles(name):
     model = MODELS[name]
-    specs = specs_of(ScipParser().feed(stream_of(model, 0))[2])
+    specs = scip.specs_of(scip.ScipParser().feed(stream_of(model, 0))[2])
     assert specs.beams == model.beams == {"ust": 1081, "urg": 682}[name]
     first, last = {"ust": (-135.0, 135.0), "urg": (-119.53, 119.88)}[name]
     assert np.degrees(specs.angles[[0, -1]]) == pytest.approx([first, last], abs=0.01)
@@ -118,14 +105,14 @@ def test_specifications_and_angles(name):
 )
 def test_a_specification_that_is_none_is_said_so(lines, says):
     with pytest.raises(InputError, match=says):
-        specs_of(Reply("PP", "00", lines))
+        scip.specs_of(scip.Reply("PP", "00", lines))
 
 
 def test_what_is_no_range_is_marked_as_rep_117_has_it():
     said = np.array([0, 1, 16, 20, 21, 9999, 10000, 10001, 30000, 65533, 65535])
     nan, inf = math.nan, math.inf
     expected = [nan, nan, nan, nan, 0.021, 9.999, 10.0, inf, inf, inf, inf]
-    assert metres(said, 10.0) == pytest.approx(expected, nan_ok=True)
+    assert scip.metres(said, 10.0) == pytest.approx(expected, nan_ok=True)
 
 
 class Clock:
@@ -186,7 +173,7 @@ def test_the_laser_is_switched_on_and_read(name, piece):
         ports[0].said += sensor.scan(some_scan(model, k), 25 * k)
         (heard,) = laser.poll()
         assert heard.scan.ranges == pytest.approx(
-            metres(some_scan(model, k), min(10.0, model.farthest * 1e-3))
+            scip.metres(some_scan(model, k), min(10.0, model.farthest * 1e-3))
         )
         assert (heard.stamp, heard.received_at) == (pytest.approx(0.025 * k), clock.now)
     assert laser.error == ""
@@ -198,7 +185,7 @@ def test_the_sensors_clock_wraps_and_time_does_not():
     laser, sensor, ports, _ = begin()
     stamps = []
     for k in range(6):
-        ports[0].said += sensor.scan(some_scan(UST_10LX), 2 * STAMP_WRAP - 60 + 25 * k)
+        ports[0].said += sensor.scan(some_scan(UST_10LX), 2 * scip.STAMP_WRAP - 60 + 25 * k)
         stamps += [heard.stamp for heard in laser.poll()]
     assert np.diff(stamps) == pytest.approx(np.full(5, 0.025))
 
@@ -238,7 +225,7 @@ def test_real_scans_are_read_back(shared):
             ports[0].said += part.tobytes()
             heard += laser.poll()
         (one,) = heard
-        np.testing.assert_array_equal(one.scan.ranges, metres(said, 5.6))
+        np.testing.assert_array_equal(one.scan.ranges, scip.metres(said, 5.6))
         checked += 1
     assert checked >= 5
     assert laser.bad == 0
@@ -272,7 +259,7 @@ def test_a_laser_at_a_tcp_port():
         laser, heard = Hokuyo(f"tcp://127.0.0.1:{port}"), []
         assert until(lambda: heard.extend(laser.poll()) or len(heard) >= 5)
         assert [one.scan.stamp for one in heard] == [0, 25, 50, 75, 100]
-        assert heard[4].scan.ranges == pytest.approx(metres(some_scan(UST_10LX, 4), 10.0))
+        assert heard[4].scan.ranges == pytest.approx(scip.metres(some_scan(UST_10LX, 4), 10.0))
         thread.join(PATIENCE)
         assert until(lambda: laser.poll() or laser.error)
         assert "closed" in laser.error  # the sensor hung up

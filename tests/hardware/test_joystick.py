@@ -11,17 +11,10 @@ from tests.hardware.hosted import Hosted
 from tests.sim.worlds import box
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.geometry.kinematics import Limits
+from wheelchair_gym.hardware import joystick
 from wheelchair_gym.hardware.connection import RETRY
-from wheelchair_gym.hardware.joystick import (
-    EV_ABS,
-    EV_KEY,
-    EV_SYN,
-    SYN_DROPPED,
-    Joystick,
-    JoystickSettings,
-)
 
-OWN = JoystickSettings(device="fake")
+OWN = joystick.JoystickSettings(device="fake")
 AHEAD = np.array([0.4, 0.0])
 
 
@@ -58,11 +51,13 @@ class FakeDevice:
         pass
 
     def press(self, code, value=1):
-        self.said += [Event(EV_KEY, code, value), Event(EV_SYN, 0, 0)]
+        self.said += [Event(joystick.EV_KEY, code, value), Event(joystick.EV_SYN, 0, 0)]
 
     def tilt(self, ahead=0.0, left=0.0):
         self.values = {1: round(-ahead * 32767), 0: round(127.5 - left * 127.5)}
-        self.said += [Event(EV_ABS, *pair) for pair in self.values.items()] + [Event(EV_SYN, 0, 0)]
+        self.said += [Event(joystick.EV_ABS, *pair) for pair in self.values.items()] + [
+            Event(joystick.EV_SYN, 0, 0)
+        ]
 
 
 class Seat:
@@ -70,7 +65,7 @@ class Seat:
 
     def __init__(self, rearm=lambda: None):
         self.device, self.there, self.ahead = FakeDevice(), True, 0.0
-        self.joystick = Joystick(OWN, rearm, self._open)
+        self.joystick = joystick.Joystick(OWN, rearm, self._open)
 
     def _open(self, own):
         if not self.there:
@@ -124,7 +119,7 @@ def test_nothing_moves_before_the_centre_was_seen_with_the_button_held():
                 elif act in (1, 2):
                     seat.device.press(OWN.dead_man_button, int(held))
                 elif act == 3:
-                    seat.device.said.append(Event(EV_SYN, SYN_DROPPED, 0))
+                    seat.device.said.append(Event(joystick.EV_SYN, joystick.SYN_DROPPED, 0))
                     seat.ask(now)
                 elif act == 4:
                     seat.device.press(OWN.rearm_button)
@@ -162,7 +157,7 @@ def test_it_re_arms_with_sticks_at_rest_only():
 @pytest.mark.parametrize("button", ["release_button", "assist_button"])
 def test_buttons_must_differ(button):
     with pytest.raises(InputError, match="must differ"):
-        JoystickSettings(**{button: OWN.dead_man_button})
+        joystick.JoystickSettings(**{button: OWN.dead_man_button})
 
 
 def test_a_hand_goes_before_the_policy():

@@ -1,7 +1,5 @@
 """The line between host and board: noise, silence, unplugging; no damaged word is ever believed."""
 
-from __future__ import annotations
-
 import errno
 import os
 import subprocess
@@ -18,17 +16,6 @@ from tests.sim.worlds import box
 from wheelchair_gym.hardware.boards import ports, protocol
 from wheelchair_gym.hardware.boards.link import Link
 from wheelchair_gym.hardware.boards.ports import explain
-from wheelchair_gym.hardware.boards.protocol import (
-    Answer,
-    Command,
-    Identify,
-    Identity,
-    Mode,
-    Odometry,
-    Rearm,
-    Receiver,
-    encode,
-)
 from wheelchair_gym.hardware.connection import RETRY
 from wheelchair_gym.hardware.twin.cable import LineNoise, SerialCable
 from wheelchair_gym.hardware.twin.lockstep import Twin
@@ -70,14 +57,14 @@ class FakePort:
 
 def test_a_loop_gives_back_what_was_sent():
     link = Link("loop://", opener=lambda url: serial.serial_for_url(url, timeout=0))
-    numbers = [link.send(Command(0.1 * k, 0.0)) for k in range(5)]
+    numbers = [link.send(protocol.Command(0.1 * k, 0.0)) for k in range(5)]
     frames = link.poll()
     assert [frame.sequence for frame in frames] == numbers
     assert [frame.message.v for frame in frames] == pytest.approx([0.1 * k for k in range(5)])
     assert link.statistics.received == link.statistics.sent == 5
     assert link.statistics.bad == link.statistics.missed == 0
     link.close()
-    assert link.send(Identify()) is None
+    assert link.send(protocol.Identify()) is None
     assert link.poll() == []
 
 
@@ -88,7 +75,7 @@ def test_a_line_that_is_not_there_is_said_so_and_tried_again(url):
     assert link.poll() == []
     assert link.connection is None
     assert link.error
-    assert link.send(Identify()) is None
+    assert link.send(protocol.Identify()) is None
     assert link.statistics.unsent == 1
 
 
@@ -103,27 +90,29 @@ def test_an_unplugged_line_opens_again():
 
     plugged = True
     link = Link("x", clock, opener)
-    assert link.send(Identify()) == 1
+    assert link.send(protocol.Identify()) == 1
     assert ports[0].taken[:2] == b"\0\0"  # a zero at the opening, and one ahead of each frame
-    ports[0].given = encode(Identity(1, 2, 3, 4), 10) + encode(Identity(1, 2, 3, 4), 14)
+    ports[0].given = protocol.encode(protocol.Identity(1, 2, 3, 4), 10) + protocol.encode(
+        protocol.Identity(1, 2, 3, 4), 14
+    )
     assert len(link.poll()) == 2
     assert link.statistics.missed == 3
-    ports[0].given = encode(Identity(1, 2, 3, 4), 15)[:5]
+    ports[0].given = protocol.encode(protocol.Identity(1, 2, 3, 4), 15)[:5]
     link.poll()
     plugged = ports[0].plugged = False
     assert link.poll() == []
     assert link.connection is None
     assert "Input/output" in link.error
     for _ in range(5):
-        assert link.send(Identify()) is None
+        assert link.send(protocol.Identify()) is None
     clock.now += RETRY
     link.poll()
     plugged = True
     assert link.connection is None
     clock.now += RETRY
-    assert link.send(Identify()) is not None
+    assert link.send(protocol.Identify()) is not None
     # The half frame from before is no part of what comes now.
-    ports[-1].given = encode(Identity(1, 2, 3, 4), 99)
+    ports[-1].given = protocol.encode(protocol.Identity(1, 2, 3, 4), 99)
     assert len(link.poll()) == 1
     assert link.statistics.bad == 0
     assert link.statistics.opened == 2
@@ -158,14 +147,14 @@ def test_a_port_is_one_program_s_alone(terminal):
     assert holder.stdout.readline() == "holds\n"
     clock = Clock()
     link = Link(terminal, clock)
-    assert link.send(Identify()) is None
+    assert link.send(protocol.Identify()) is None
     assert link.error.startswith(f"{terminal} is in use by ")
     assert f"process {holder.pid}" in link.error
     assert "cable" not in link.error
     assert "\n" not in link.error
     holder.communicate("")
     clock.now += RETRY
-    assert link.send(Identify()) is not None
+    assert link.send(protocol.Identify()) is not None
     second = Link(terminal, clock)  # a config whose boards share a device
     second.poll()
     assert "this very program" in second.error
@@ -208,13 +197,13 @@ def test_another_version_of_the_protocol_is_called_that(monkeypatch):
     link = Link("x", Clock(), lambda _: port)
     mine = protocol.VERSION
     monkeypatch.setattr(protocol, "VERSION", mine + 1)
-    frame = encode(Identity(1, 2, 3, 4), 7)
+    frame = protocol.encode(protocol.Identity(1, 2, 3, 4), 7)
     monkeypatch.undo()
     port.given = frame
     assert link.poll() == []
     assert f"speaks version {mine + 1} of the protocol" in link.mismatch
     assert f"this program version {mine}" in link.mismatch
-    port.given = encode(Identity(1, 2, 3, 4), 8)
+    port.given = protocol.encode(protocol.Identity(1, 2, 3, 4), 8)
     assert len(link.poll()) == 1
     assert link.mismatch == ""
     port.given = np.random.default_rng(1).bytes(100_000)
@@ -230,11 +219,11 @@ def test_another_version_of_the_protocol_is_called_that(monkeypatch):
 def test_a_full_line_loses_one_frame_only():
     port = FakePort()
     link = Link("x", Clock(), lambda _: port)
-    assert link.send(Identify()) is not None
+    assert link.send(protocol.Identify()) is not None
     port.full = True
-    assert link.send(Identify()) is None
+    assert link.send(protocol.Identify()) is None
     port.full = False
-    assert link.send(Identify()) is not None
+    assert link.send(protocol.Identify()) is not None
     assert (link.statistics.unsent, link.statistics.sent) == (1, 2)
 
 
@@ -252,7 +241,7 @@ class NoisyChair:
 
     def run(self, seconds, v=0.0):
         for _ in range(round(seconds / 0.02)):
-            number = self.link.send(Command(v, 0.0))
+            number = self.link.send(protocol.Command(v, 0.0))
             if number is not None:
                 self.sent[number] = v
             self.twin.run(0.02)
@@ -261,13 +250,17 @@ class NoisyChair:
 
     def rearm(self):
         self.run(0.1)
-        self.link.send(Rearm(0xFFFF))
+        self.link.send(protocol.Rearm(0xFFFF))
         self.run(0.1)
-        assert any(isinstance(f.message, Answer) and not f.message.status for f in self.frames)
+        assert any(
+            isinstance(f.message, protocol.Answer) and not f.message.status for f in self.frames
+        )
 
     @property
     def now(self):
-        return next(f.message for f in self.frames[::-1] if isinstance(f.message, Odometry))
+        return next(
+            f.message for f in self.frames[::-1] if isinstance(f.message, protocol.Odometry)
+        )
 
 
 @pytest.mark.parametrize(("seed", "seconds"), long_but([(1, 2.0), (2, 600.0)], [(1, 2.0)]))
@@ -285,16 +278,16 @@ def test_harmed_bytes_are_never_believed(noise, seed, seconds):
     for _ in range(round(seconds / 0.1)):
         chair.run(0.1, 0.5)
         worst = max(worst, abs(chair.twin.motion.speed), abs(chair.twin.motion.turn))
-        if chair.now.mode == Mode.STOPPED and chair.now.faults:  # a long gap latched
+        if chair.now.mode == protocol.Mode.STOPPED and chair.now.faults:  # a long gap latched
             chair.wire.noise = LineNoise()
             chair.rearm()
             chair.wire.noise = LineNoise(**noise)
     frames = chair.frames[heard:]
     # Every frame believed is one that the board said.
-    said = set(Receiver().feed(b"".join(chair.wire.log)))
+    said = set(protocol.Receiver().feed(b"".join(chair.wire.log)))
     assert all(frame in said for frame in frames)
     # And every command that the board believed is one that the host said.
-    odometry = [f.message for f in frames if isinstance(f.message, Odometry)]
+    odometry = [f.message for f in frames if isinstance(f.message, protocol.Odometry)]
     assert worst < 0.55
     assert all(abs(told.w) < 1e-9 and -1e-4 <= told.v <= 0.5001 for told in odometry)
     assert all(told.echo in chair.sent for told in odometry)

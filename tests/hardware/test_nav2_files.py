@@ -1,7 +1,5 @@
 """The files for nav2, RViz and Foxglove are whole, and say of the chair what its settings say."""
 
-from __future__ import annotations
-
 import json
 import runpy
 import sys

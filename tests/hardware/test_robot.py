@@ -3,8 +3,6 @@
 Clients are plain WebSockets and the example's controller, which import nothing of the project.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import shutil

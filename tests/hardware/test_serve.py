@@ -1,7 +1,5 @@
 """The twin behind devices: hosts that know nothing of it open them, and are served."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

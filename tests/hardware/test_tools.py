@@ -1,7 +1,5 @@
 """A technician's tools over the emulated boards: they find what is wrong, measure what is true."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 
@@ -11,11 +9,7 @@ import pytest
 from tests.hardware.hosted import Hosted
 from tests.sim.worlds import box
 from wheelchair_gym.envs.settings import env_settings
-from wheelchair_gym.hardware.boards.parameters import (
-    range_parameters,
-    save_parameters,
-    set_parameters,
-)
+from wheelchair_gym.hardware.boards import parameters
 from wheelchair_gym.hardware.boards.protocol import Switch
 from wheelchair_gym.hardware.boards.senses import WheelOdometry
 from wheelchair_gym.hardware.tools.diagnostics import Diagnostics, Orientation, status_rows
@@ -198,7 +192,7 @@ def test_another_fan_and_other_parameters_are_found():
     ten = env_settings(None, model="rear_ultrasonics").sensors.ultrasonic
     hosted.chair.senses.sensors = SensorSettings(ultrasonic=ten)
     wanted = {**hosted.chair.parameters, "drive": {**hosted.chair.parameters["drive"], "kp": 33.0}}
-    wanted["range"] = range_parameters(ten)
+    wanted["range"] = parameters.range_parameters(ten)
     findings = Diagnostics(hosted.chair.senses, hosted.clock, wanted).run()
     assert bad(findings) == {
         "laser: fan", "laser: beams with an echo", "drive board: parameters",
@@ -206,16 +200,16 @@ def test_another_fan_and_other_parameters_are_found():
     }  # fmt: skip
     assert "the range board's n_rangers is 8; expected 10" in [one.found for one in findings]
     senses, clock = hosted.chair.senses, hosted.clock
-    assert set_parameters(senses, clock, "drive", wanted["drive"]) == {}
-    assert save_parameters(senses, clock, "drive")
+    assert parameters.set_parameters(senses, clock, "drive", wanted["drive"]) == {}
+    assert parameters.save_parameters(senses, clock, "drive")
     clock.wait(clock.now() + 1.0)  # a byte of EEPROM each run
     hosted.twin.drive.reset()
     clock.wait(clock.now() + 0.5)
     senses.poll()
     senses.parameters["drive"].reported.clear()
-    assert set_parameters(senses, clock, "drive", {"kp": 33.0}) == {}
+    assert parameters.set_parameters(senses, clock, "drive", {"kp": 33.0}) == {}
     before = clock.now()
-    refused = set_parameters(senses, clock, "drive", {"kp": 1e9, "ki": 120.0})
+    refused = parameters.set_parameters(senses, clock, "drive", {"kp": 1e9, "ki": 120.0})
     assert refused == {
         "kp": "the drive board's kp is 33; expected 1e+09, which it refuses: it takes 0 to 400"
     }
@@ -277,7 +271,7 @@ def believing(counts):
     chair.senses.odometer = WheelOdometry(drive, chair.settings.limits.odometry)
     hosted.clock.wait(0.5)
     wanted = {"counts_per_metre": counts}
-    assert set_parameters(chair.senses, hosted.clock, "drive", wanted) == {}
+    assert parameters.set_parameters(chair.senses, hosted.clock, "drive", wanted) == {}
     return hosted
 
 

@@ -1,7 +1,5 @@
 """The real firmware on emulated boards: the chair does as told, and stops after every fault."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

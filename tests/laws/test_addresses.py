@@ -1,7 +1,5 @@
 """Laws of arrays that kernels take by address: each is checked before its address is taken."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

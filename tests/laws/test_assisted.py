@@ -3,8 +3,6 @@
 Laws of an assistant's answer alone are in tests/agents/people and tests/people.
 """
 
-from __future__ import annotations
-
 import copy
 
 import numpy as np

@@ -3,8 +3,6 @@
 Copies of planners and of scenes: tests/planners/test_planners.py, tests/scenes/test_scenes.py.
 """
 
-from __future__ import annotations
-
 import copy
 import pickle
 import subprocess

@@ -1,7 +1,5 @@
 """Laws of files: any content is read or refused in one line, within the limits."""
 
-from __future__ import annotations
-
 import ast
 import io
 import json

@@ -1,7 +1,5 @@
 """Laws of policies: they know a mission and readings, and only commands come out of them."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

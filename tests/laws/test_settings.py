@@ -1,7 +1,5 @@
 """Law of the settings of planners, swarms and followers: each of them changes what is done."""
 
-from __future__ import annotations
-
 import dataclasses
 import typing
 

@@ -13,8 +13,6 @@ The simulated chair has no brakes to open: each episode begins with the twin's b
 after a second at zero.
 """
 
-from __future__ import annotations
-
 import hashlib
 import math
 

@@ -1,7 +1,5 @@
 """Unknown cells of a given map are blocked, or free where one asks for it, wherever it is used."""
 
-from __future__ import annotations
-
 import json
 
 import gymnasium as gym

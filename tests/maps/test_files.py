@@ -1,7 +1,5 @@
 """map_server files, and polygons from pixels."""
 
-from __future__ import annotations
-
 import contextlib
 import re
 
@@ -9,17 +7,9 @@ import cv2
 import numpy as np
 import pytest
 
+from wheelchair_gym import maps
 from wheelchair_gym.base.files import parse_json
 from wheelchair_gym.base.settings import InputError
-from wheelchair_gym.maps import (
-    FREE,
-    OCCUPIED,
-    UNKNOWN,
-    OccupancyGrid,
-    occupied_polygons,
-    read_map,
-    write_map,
-)
 
 KEYS = {
     "image": "map.pgm",
@@ -41,26 +31,26 @@ def put(folder, pixels=((254, 205), (0, 100)), **changes):
 
 @pytest.mark.parametrize("suffix", [".pgm", ".png"])
 def test_what_is_written_is_read(tmp_path, suffix):
-    cells = np.random.default_rng(0).choice([FREE, OCCUPIED, UNKNOWN], (23, 17))
-    grid = OccupancyGrid(cells, 0.07, (-1.5, 2.25, 0.3))
-    write_map(grid, tmp_path / "some.yaml", suffix=suffix)
-    again = read_map(tmp_path / "some.yaml")
+    cells = np.random.default_rng(0).choice([maps.FREE, maps.OCCUPIED, maps.UNKNOWN], (23, 17))
+    grid = maps.OccupancyGrid(cells, 0.07, (-1.5, 2.25, 0.3))
+    maps.write_map(grid, tmp_path / "some.yaml", suffix=suffix)
+    again = maps.read_map(tmp_path / "some.yaml")
     assert (again.cells == grid.cells).all()
     assert (again.resolution, again.origin) == (grid.resolution, grid.origin)
 
 
 def test_a_value_that_a_map_file_cannot_hold_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"some.yaml: mode trinary cannot hold .* 37"):
-        write_map(OccupancyGrid(np.array([[37]]), 0.1), tmp_path / "some.yaml")
+        maps.write_map(maps.OccupancyGrid(np.array([[37]]), 0.1), tmp_path / "some.yaml")
 
 
-@pytest.mark.parametrize(("free_thresh", "grey_205"), [(0.25, FREE), (0.196, UNKNOWN)])
+@pytest.mark.parametrize(("free_thresh", "grey_205"), [(0.25, maps.FREE), (0.196, maps.UNKNOWN)])
 def test_grey_205_is_free_or_unknown_by_the_threshold(tmp_path, free_thresh, grey_205):
     said = pytest.warns(UserWarning, match=r"map\.yaml: free_thresh 0.25 reads the grey 205.* free")
-    with said if grey_205 == FREE else contextlib.nullcontext():
-        grid = read_map(put(tmp_path, free_thresh=free_thresh))
-    assert grid.cells[1].tolist() == [FREE, grey_205]  # the top row of the image is the last
-    assert grid.cells[0].tolist() == [OCCUPIED, UNKNOWN]
+    with said if grey_205 == maps.FREE else contextlib.nullcontext():
+        grid = maps.read_map(put(tmp_path, free_thresh=free_thresh))
+    assert grid.cells[1].tolist() == [maps.FREE, grey_205]  # the top row of the image is the last
+    assert grid.cells[0].tolist() == [maps.OCCUPIED, maps.UNKNOWN]
     assert grid.origin == (1.0, 2.0, 0.5)
 
 
@@ -71,18 +61,20 @@ def test_what_is_transparent_is_never_free(tmp_path, mode, negate):
     grey, opacity = np.meshgrid(np.arange(256), np.array([0, 1, 64, 128, 200, 254, 255]))
     cv2.imwrite(str(tmp_path / "map.png"), np.dstack([grey, grey, grey, opacity]).astype(np.uint8))
     file = put(tmp_path, None, image="map.png", mode=mode, negate=negate)
-    cells = np.flipud(read_map(file).cells)
+    cells = np.flipud(maps.read_map(file).cells)
     clear = opacity < 255
-    assert not (cells[clear] == FREE).any()
-    assert (cells[~clear] == FREE).any()
+    assert not (cells[clear] == maps.FREE).any()
+    assert (cells[~clear] == maps.FREE).any()
     shade = (3 * grey + opacity) / (4 * 255)
     nav2 = (shade if negate else 1.0 - shade) > KEYS["occupied_thresh"]
     if mode == "trinary":
-        np.testing.assert_array_equal(cells[clear] == OCCUPIED, nav2[clear])
+        np.testing.assert_array_equal(cells[clear] == maps.OCCUPIED, nav2[clear])
     else:
-        assert (cells[clear] == UNKNOWN).all()
+        assert (cells[clear] == maps.UNKNOWN).all()
     cv2.imwrite(str(tmp_path / "map.png"), grey[:1].astype(np.uint8))
-    np.testing.assert_array_equal(cells[-1:], read_map(file).cells)  # as without a fourth channel
+    np.testing.assert_array_equal(
+        cells[-1:], maps.read_map(file).cells
+    )  # as without a fourth channel
 
 
 @pytest.mark.parametrize(
@@ -111,7 +103,7 @@ def test_what_is_transparent_is_never_free(tmp_path, mode, negate):
 )
 def test_nonsense_is_one_line_that_names_file_and_key(tmp_path, changes, says):
     with pytest.raises(InputError, match=re.escape(str(tmp_path)) + f".*{re.escape(says)}"):
-        read_map(put(tmp_path, **changes))
+        maps.read_map(put(tmp_path, **changes))
 
 
 PLAIN = "".join(f"{key}: {value}\n" for key, value in (KEYS | {"mode": "trinary"}).items())
@@ -135,9 +127,9 @@ def respelled(rng, text):
 
 @pytest.mark.parametrize("seed", range(12))
 def test_a_description_may_be_spelled_as_yaml_cpp_reads_it(tmp_path, seed):
-    expected = read_map(put(tmp_path))
+    expected = maps.read_map(put(tmp_path))
     (tmp_path / "map.yaml").write_bytes(respelled(np.random.default_rng(seed), PLAIN))
-    found = read_map(tmp_path / "map.yaml")
+    found = maps.read_map(tmp_path / "map.yaml")
     assert (found.cells == expected.cells).all()
     assert (found.resolution, found.origin) == (expected.resolution, expected.origin)
 
@@ -147,7 +139,7 @@ def test_a_key_that_is_given_twice_is_refused(tmp_path, key):
     (line,) = (line for line in PLAIN.splitlines() if line.startswith(f"{key}:"))
     put(tmp_path).write_text(f"{PLAIN}{line}\n")
     with pytest.raises(InputError, match=rf"map.yaml: line 8: .*the key '{key}' is given twice"):
-        read_map(tmp_path / "map.yaml")
+        maps.read_map(tmp_path / "map.yaml")
     with pytest.raises(InputError, match=f"a.json: .*the key '{key}' is given twice"):
         parse_json(f'{{"{key}": 0, "more": [{{"{key}": 1}}], "{key}": 0}}', "a.json")
 
@@ -161,9 +153,9 @@ def test_a_key_that_is_given_twice_is_refused(tmp_path, key):
     ],
 )  # fmt: skip
 def test_what_a_description_lacks_is_said_and_found(tmp_path, changes, says):
-    expected = read_map(put(tmp_path)).cells
+    expected = maps.read_map(put(tmp_path)).cells
     with pytest.warns(UserWarning, match=says):
-        assert (read_map(put(tmp_path, **changes)).cells == expected).all()
+        assert (maps.read_map(put(tmp_path, **changes)).cells == expected).all()
 
 
 @pytest.mark.parametrize(
@@ -172,17 +164,17 @@ def test_what_a_description_lacks_is_said_and_found(tmp_path, changes, says):
 def test_a_broken_description_is_refused(tmp_path, content):
     (tmp_path / "map.yaml").write_bytes(content)
     with pytest.raises(InputError, match=r"map\.yaml: [^\n]*$"):
-        read_map(tmp_path / "map.yaml")
+        maps.read_map(tmp_path / "map.yaml")
     with pytest.raises(InputError, match="cannot be read"):
-        read_map(tmp_path / "none.yaml")
+        maps.read_map(tmp_path / "none.yaml")
 
 
 @pytest.mark.filterwarnings("ignore:.*reads the grey 205")
 @pytest.mark.parametrize(("name", "shape"), [("depot", (307, 604)), ("tb3_sandbox", (384, 384))])
 def test_maps_of_others(shared, name, shape):
-    grid = read_map(shared / "maps" / f"{name}.yaml")
+    grid = maps.read_map(shared / "maps" / f"{name}.yaml")
     assert grid.shape == shape
-    assert {FREE, OCCUPIED} <= set(np.unique(grid.cells).tolist())
+    assert {maps.FREE, maps.OCCUPIED} <= set(np.unique(grid.cells).tolist())
 
 
 def drawn(found, shape, scale=20):
@@ -198,24 +190,26 @@ def test_polygons_without_tolerance_are_the_cells(seed):
     rng = np.random.default_rng(seed)
     solid = rng.random((9, 12)) < 0.35
     solid[:, 0] = solid[:, -1] = solid[0] = solid[-1] = False
-    found = occupied_polygons(OccupancyGrid(np.where(solid, OCCUPIED, FREE), 1.0))
+    found = maps.occupied_polygons(
+        maps.OccupancyGrid(np.where(solid, maps.OCCUPIED, maps.FREE), 1.0)
+    )
     assert (drawn(found, solid.shape) >= solid).all()
     assert (drawn(found, solid.shape) == solid).mean() > 0.95
 
 
 def test_polygons_keep_holes_grow_and_simplify():
-    cells = np.full((60, 60), FREE)
-    cells[10:50, 10:50] = OCCUPIED
-    cells[20:40, 20:40] = FREE
-    cells[30, 10] = FREE  # a notch
-    grid = OccupancyGrid(cells, 0.05, (1.0, 0.0, 0.0))
-    exact = occupied_polygons(grid)
-    rough = occupied_polygons(grid, epsilon=2.4)
+    cells = np.full((60, 60), maps.FREE)
+    cells[10:50, 10:50] = maps.OCCUPIED
+    cells[20:40, 20:40] = maps.FREE
+    cells[30, 10] = maps.FREE  # a notch
+    grid = maps.OccupancyGrid(cells, 0.05, (1.0, 0.0, 0.0))
+    exact = maps.occupied_polygons(grid)
+    rough = maps.occupied_polygons(grid, epsilon=2.4)
     assert len(exact) == len(rough) == 1
     assert len(rough[0].outer) == 4 < len(exact[0].outer)
     assert len(rough[0].holes) == 1
-    grown = occupied_polygons(grid, dilate=2)
+    grown = maps.occupied_polygons(grid, dilate=2)
     assert grown[0].outer.min(axis=0) == pytest.approx((1.4, 0.4), abs=0.03)
     assert grown[0].outer.max(axis=0) == pytest.approx((3.6, 2.6), abs=0.03)
     assert np.ptp(grown[0].holes[0], axis=0) == pytest.approx((0.8, 0.8), abs=0.06)
-    assert len(occupied_polygons(grid, dilate=12)[0].holes) == 0
+    assert len(maps.occupied_polygons(grid, dilate=12)[0].holes) == 0

@@ -1,7 +1,5 @@
 """The same picture in any encoding gives the same cells."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

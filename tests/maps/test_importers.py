@@ -1,25 +1,14 @@
 """Maps of others: MovingAI's text maps, HouseExpo's outlines; wrong ones are told."""
 
-from __future__ import annotations
-
 import json
 import re
 
 import numpy as np
 import pytest
 
+from wheelchair_gym import maps
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.geometry.planar import polygon_edges
-from wheelchair_gym.maps import (
-    FREE,
-    OCCUPIED,
-    OccupancyGrid,
-    read_any_map,
-    read_grid,
-    read_house,
-    read_moving_ai_map,
-    write_map,
-)
 from wheelchair_gym.scenes import make_scene
 
 OCTILE = "type octile\nheight 3\nwidth 4\nmap\n.G@O\nSSTW\n....\n"
@@ -34,9 +23,9 @@ def put(folder, name, content):
 
 
 def test_an_octile_map_is_what_its_letters_say(tmp_path):
-    grid = read_moving_ai_map(put(tmp_path, "yard.map", OCTILE), resolution=0.5)
+    grid = maps.read_moving_ai_map(put(tmp_path, "yard.map", OCTILE), resolution=0.5)
     expected = [[0, 0, 0, 0], [0, 0, 1, 1], [0, 0, 1, 1]]  # lowest row first
-    assert (grid.cells == np.where(expected, OCCUPIED, FREE)).all()
+    assert (grid.cells == np.where(expected, maps.OCCUPIED, maps.FREE)).all()
     assert grid.bounds == (0.0, 0.0, 2.0, 1.5)
 
 
@@ -57,15 +46,15 @@ def test_an_octile_map_is_what_its_letters_say(tmp_path):
 )
 def test_wrong_octile_maps_are_one_line(tmp_path, content, says):
     with pytest.raises(InputError, match=re.escape(f"bad.map: {says}") if says[0] != "e" else says):
-        read_moving_ai_map(put(tmp_path, "bad.map", content))
+        maps.read_moving_ai_map(put(tmp_path, "bad.map", content))
 
 
 def test_a_house_is_free_inside_its_outline_only(tmp_path):
     path = put(tmp_path, "house.json", HOUSE)
-    house, ground = read_house(path), read_any_map(path)
+    house, ground = maps.read_house(path), maps.read_any_map(path)
     assert len(house.outline) == 6  # the corner repeated at the end is one
     grid = ground.grid
-    free = grid.cells == FREE
+    free = grid.cells == maps.FREE
     assert free.sum() * grid.resolution**2 == pytest.approx(41.0, abs=0.1)
     centres = grid.to_world(np.argwhere(free))
     for corner in ((0.5, 0.5), (0.5, -0.5), (-0.5, 0.5), (-0.5, -0.5)):  # whole cells are inside
@@ -91,7 +80,7 @@ def test_a_house_is_free_inside_its_outline_only(tmp_path):
 )
 def test_wrong_houses_are_one_line(tmp_path, change, says):
     with pytest.raises(InputError, match=re.escape(f"bad.json: {says}")):
-        read_house(put(tmp_path, "bad.json", HOUSE | change))
+        maps.read_house(put(tmp_path, "bad.json", HOUSE | change))
 
 
 def winding(points, walls):
@@ -114,15 +103,15 @@ def test_solid_polygons_that_overlap_are_united(tmp_path, seed):
         polygons.append((box + rng.integers(0, 9, 2))[:: rng.choice([-1, 1])])
     top = rng.uniform((7.9, 5.9), (8.0, 6.0))
     room = {"bounds": [0, 0, *top], "polygons": [polygon.tolist() for polygon in polygons]}
-    found = read_any_map(put(tmp_path, "room.json", room))
+    found = maps.read_any_map(put(tmp_path, "room.json", room))
     points = rng.uniform(-0.1, top + 0.1, (2000, 2))
     solid = ((points < 0) | (points > top)).any(axis=1)
     for polygon in polygons:
         solid |= winding(points, polygon_edges(polygon)) != 0
     np.testing.assert_array_equal(winding(points, found.walls), solid)
     cells = found.grid.cells[tuple(found.grid.to_cell(points).T)]
-    assert (cells[solid] == OCCUPIED).all()
-    centres = found.grid.to_world(np.argwhere(found.grid.cells == OCCUPIED))
+    assert (cells[solid] == maps.OCCUPIED).all()
+    centres = found.grid.to_world(np.argwhere(found.grid.cells == maps.OCCUPIED))
     near = winding(centres, found.walls) == 1
     for dx, dy in ((0.5, 0.5), (-0.5, 0.5), (0.5, -0.5), (-0.5, -0.5)):
         near |= winding(centres + 0.05 * np.array([dx, dy]), found.walls) == 1
@@ -131,16 +120,16 @@ def test_solid_polygons_that_overlap_are_united(tmp_path, seed):
 
 def test_a_map_with_too_many_walls_is_refused_where_it_is_driven_on(tmp_path):
     """Specks cost memory and time by their number; `read_grid` still reads the cells."""
-    cells = np.full((350, 350), FREE)
-    cells[::2, ::2] = OCCUPIED  # 30,625 specks
-    write_map(OccupancyGrid(cells, 0.05), tmp_path / "specks.yaml")
-    assert read_grid(tmp_path / "specks.yaml").n_walls == 4 * 175**2
+    cells = np.full((350, 350), maps.FREE)
+    cells[::2, ::2] = maps.OCCUPIED  # 30,625 specks
+    maps.write_map(maps.OccupancyGrid(cells, 0.05), tmp_path / "specks.yaml")
+    assert maps.read_grid(tmp_path / "specks.yaml").n_walls == 4 * 175**2
     with pytest.raises(InputError, match=r"specks\.yaml: 122,500 walls; expected at most 100,000"):
-        read_any_map(tmp_path / "specks.yaml")
+        maps.read_any_map(tmp_path / "specks.yaml")
 
 
 def test_maps_of_no_known_kind_are_refused(tmp_path):
     with pytest.raises(InputError, match=r"hall\.svg: not a known kind"):
-        read_any_map(put(tmp_path, "hall.svg", "<svg/>"))
+        maps.read_any_map(put(tmp_path, "hall.svg", "<svg/>"))
     with pytest.raises(InputError, match=r"list\.json: verts is missing"):
-        read_any_map(put(tmp_path, "list.json", []))
+        maps.read_any_map(put(tmp_path, "list.json", []))

@@ -1,7 +1,5 @@
 """Laws of the ways of the chair's outline: they lead, they fit, and time runs down along them."""
 
-from __future__ import annotations
-
 import dataclasses
 from types import SimpleNamespace
 
@@ -14,15 +12,7 @@ from wheelchair_gym.geometry.kinematics import Limits
 from wheelchair_gym.geometry.outline import Footprint, footprint_clearance
 from wheelchair_gym.geometry.planar import to_world, wrap_angle
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid
-from wheelchair_gym.maps.cost_to_go import (
-    FAR,
-    TICKS,
-    TIME,
-    UNITS,
-    X_BITS,
-    CostToGoSettings,
-    cost_to_go,
-)
+from wheelchair_gym.maps import cost_to_go as costs
 from wheelchair_gym.scenes import make_scene
 
 POSED = {
@@ -39,7 +29,7 @@ POSED = {
 def test_ways_lead_to_the_goal_and_the_outline_fits(scene):
     for seed in range(3):
         episode = make_scene(scene).sample(np.random.default_rng(seed))
-        ways = cost_to_go(episode.map, episode.goal, Footprint(), Limits(), tolerance=0.2)
+        ways = costs.cost_to_go(episode.map, episode.goal, Footprint(), Limits(), tolerance=0.2)
         path = ways.path(episode.start)
         assert np.hypot(*(path[0] - episode.start)[:2]) < 0.3
         assert np.hypot(*(path[-1] - episode.goal)[:2]) <= 0.2 + 0.005
@@ -58,20 +48,20 @@ def test_ways_lead_to_the_goal_and_the_outline_fits(scene):
 def test_the_time_to_go_is_the_least_over_the_states_around():
     """As a plain search finds it: the state's time, and that of driving and turning to it."""
     episode = make_scene("clutter").sample(np.random.default_rng(2))
-    ways = cost_to_go(episode.map, episode.goal, Footprint(), Limits())
+    ways = costs.cost_to_go(episode.map, episode.goal, Footprint(), Limits())
     states, cell = ways.packed_states, ways.cell
     rng, step = np.random.default_rng(0), 2.0 * np.pi / states.shape[2]
-    times, place = states >> TIME, np.indices(states.shape)
-    x = place[1] * cell + ((states >> X_BITS) & (UNITS - 1)) / UNITS * cell
-    y = place[0] * cell + (states & (UNITS - 1)) / UNITS * cell
+    times, place = states >> costs.TIME, np.indices(states.shape)
+    x = place[1] * cell + ((states >> costs.X_BITS) & (costs.UNITS - 1)) / costs.UNITS * cell
+    y = place[0] * cell + (states & (costs.UNITS - 1)) / costs.UNITS * cell
     known = 0
     for _ in range(200):
         px, py = rng.uniform(0.3, 1.0, 2) * np.array(states.shape[1::-1]) * cell
         yaw = rng.uniform(-7.0, 7.0)
         turn = np.abs(wrap_angle(place[2] * step - yaw))
-        total = times / TICKS + 2.0 * np.hypot(x - px, y - py) + turn
+        total = times / costs.TICKS + 2.0 * np.hypot(x - px, y - py) + turn
         row, col, middle = int(py // cell), int(px // cell), int(np.floor(yaw / step + 0.5))
-        near = (np.abs(place[0] - row) <= 1) & (np.abs(place[1] - col) <= 1) & (times < FAR)
+        near = (np.abs(place[0] - row) <= 1) & (np.abs(place[1] - col) <= 1) & (times < costs.FAR)
         near &= np.isin(place[2], np.arange(middle - 1, middle + 2) % states.shape[2])
         if near.any():
             known += 1
@@ -85,7 +75,7 @@ def test_the_time_to_go_is_the_least_over_the_states_around():
 def test_each_step_of_a_way_is_one_a_chair_can_drive(scene, seed, slack):
     """Between two poses the chair goes along its heading or turns: it never goes aside."""
     episode = make_scene(scene).sample(np.random.default_rng(seed))
-    ways = cost_to_go(
+    ways = costs.cost_to_go(
         episode.map, episode.goal, Footprint(), Limits(), starts=[episode.start], slack=slack
     )
     path = ways.path(episode.start)
@@ -97,8 +87,8 @@ def test_each_step_of_a_way_is_one_a_chair_can_drive(scene, seed, slack):
 
 def test_moves_may_cost_more_than_a_thousand_ticks():
     episode = make_scene("doorway").sample(np.random.default_rng(0))
-    config = CostToGoSettings(obstacle_weight=12.0, reverse_factor=10.0)
-    found = cost_to_go(episode.map, episode.goal, Footprint(), Limits(), config=config)
+    config = costs.CostToGoSettings(obstacle_weight=12.0, reverse_factor=10.0)
+    found = costs.cost_to_go(episode.map, episode.goal, Footprint(), Limits(), config=config)
     path = found.path(episode.start)
     assert np.hypot(*(path[-1] - episode.goal)[:2]) <= found.cell
 
@@ -108,11 +98,11 @@ def test_a_door_that_is_too_narrow_is_no_way_and_slimmer_outlines_find_one():
     cells[[0, -1]], cells[:, [0, -1]] = OCCUPIED, OCCUPIED
     cells[:, 60], cells[24:36, 60] = OCCUPIED, 0  # 0.6 m; the chair is 0.62 m wide
     grid, start, goal = OccupancyGrid(cells, 0.05), np.array([1.0, 1.5, 0.0]), (5.0, 1.5)
-    shut = cost_to_go(grid, goal, Footprint(), Limits())
+    shut = costs.cost_to_go(grid, goal, Footprint(), Limits())
     assert np.isnan(shut.time_to_goal(start))
     assert len(shut.path(start)) == 0
     assert np.isfinite(shut.time_to_goal([4.0, 1.5, 0.0]))
-    slim = cost_to_go(grid, goal, Footprint(), Limits(), starts=[start])
+    slim = costs.cost_to_go(grid, goal, Footprint(), Limits(), starts=[start])
     assert np.isfinite(slim.time_to_goal(start))
 
 
@@ -127,7 +117,7 @@ def test_ways_from_one_start_are_as_quick_and_fewer_are_looked_at(scene):
             for pose in (episode.start, episode.goal)
         )
         every, some = (
-            cost_to_go(grid, goal, Footprint(), Limits(), starts=[start], slack=slack)
+            costs.cost_to_go(grid, goal, Footprint(), Limits(), starts=[start], slack=slack)
             for slack in (None, 3.0)
         )
         way = some.path(start)
@@ -139,10 +129,10 @@ def test_ways_from_one_start_are_as_quick_and_fewer_are_looked_at(scene):
         # A little beside the way, ways are known, too.
         aside = np.add(way[:-5], [0.0, 0.0, 0.1])
         assert np.isfinite(some.time_to_goal(aside)).all()
-        known = [np.mean(ways.packed_states >> TIME != FAR) for ways in (every, some)]
+        known = [np.mean(ways.packed_states >> costs.TIME != costs.FAR) for ways in (every, some)]
         assert known[1] < known[0]
     with pytest.raises(ValueError, match="slack"):
-        cost_to_go(grid, goal, Footprint(), Limits(), slack=1.0)
+        costs.cost_to_go(grid, goal, Footprint(), Limits(), slack=1.0)
 
 
 def test_ways_turn_with_the_map():
@@ -151,8 +141,8 @@ def test_ways_turn_with_the_map():
     frame = np.array(turned.origin)
     goal = to_world(episode.goal[:2], frame)
     start = np.array([*to_world(episode.start[:2], frame), episode.start[2] + frame[2]])
-    here = cost_to_go(episode.map, episode.goal, Footprint(), Limits())
-    there = cost_to_go(turned, goal, Footprint(), Limits())
+    here = costs.cost_to_go(episode.map, episode.goal, Footprint(), Limits())
+    there = costs.cost_to_go(turned, goal, Footprint(), Limits())
     assert float(there.time_to_goal(start)) == pytest.approx(
         float(here.time_to_goal(episode.start)), abs=0.3
     )

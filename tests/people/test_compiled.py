@@ -1,7 +1,5 @@
 """Compiled assistants: what they see and remember, and that shortcuts leave out nothing."""
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import replace

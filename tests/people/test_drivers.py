@@ -1,7 +1,5 @@
 """Laws of simulated people: what they give follows from settings, seed and chair."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,20 +1,10 @@
 """Laws of a living person's input and sight, which are those of simulated people."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 from wheelchair_gym.envs import NavigationEnv
-from wheelchair_gym.people.drivers import DRIVERS, make_driver
-from wheelchair_gym.people.drivers.live_person import (
-    COMMANDS,
-    IMPAIRMENTS,
-    SIGHTS,
-    LiveInput,
-    LiveSight,
-    scanning,
-)
+from wheelchair_gym.people.drivers import DRIVERS, live_person, make_driver
 from wheelchair_gym.people.drivers.state import SECTORS
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sim.settings import ChairSettings
@@ -23,7 +13,7 @@ PERIOD = 0.05
 
 
 def live(driver, key=1):
-    one = LiveInput(driver, ChairSettings(), SensorSettings(), PERIOD)
+    one = live_person.LiveInput(driver, ChairSettings(), SensorSettings(), PERIOD)
     one.begin(key)
     return one
 
@@ -33,7 +23,7 @@ def held(one, forward, left, seconds=3.0):
     return np.array([one.step(forward, left, 0.0)[:2] for _ in range(round(seconds / PERIOD))])
 
 
-@pytest.mark.parametrize("name", IMPAIRMENTS)
+@pytest.mark.parametrize("name", live_person.IMPAIRMENTS)
 def test_each_hand_is_a_simulated_persons(name):
     assert name in DRIVERS
     one = live(make_driver(name))
@@ -63,9 +53,9 @@ def test_a_weak_side_turns_less():
     assert 0.0 < left < 0.6 * -right
 
 
-@pytest.mark.parametrize("command", COMMANDS[1:])
+@pytest.mark.parametrize("command", live_person.COMMANDS[1:])
 def test_a_press_picks_the_lit_command_and_another_one_stops(command):
-    one = live(scanning(0.5))
+    one = live(live_person.scanning(0.5))
     seen = []
     while one.lit != command:
         assert one.step(0.0, 0.0, 0.0)[:2] == (0.0, 0.0)
@@ -82,19 +72,19 @@ def test_a_press_picks_the_lit_command_and_another_one_stops(command):
 
 
 def test_without_a_press_a_scan_never_drives():
-    one = live(scanning(0.3))
+    one = live(live_person.scanning(0.3))
     lit = set()
     for _ in range(200):
         assert one.step(1.0, 1.0, 0.0)[:2] == (0.0, 0.0)
         lit.add(one.lit)
-    assert lit == set(COMMANDS[1:])
+    assert lit == set(live_person.COMMANDS[1:])
 
 
-@pytest.mark.parametrize("name", [*SIGHTS, "expert"])
+@pytest.mark.parametrize("name", [*live_person.SIGHTS, "expert"])
 def test_what_is_hidden_is_what_a_simulated_person_does_not_see(name):
     env = NavigationEnv("empty", driver=name, split="test")  # walls all around
     env.reset(seed=1)
-    sight = LiveSight(make_driver(name).perception, env.task.key)
+    sight = live_person.LiveSight(make_driver(name).perception, env.task.key)
     seen = sight.perception
     laser, looks = env.settings.sensors.laser, 0
     for _ in range(40):

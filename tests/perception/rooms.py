@@ -1,7 +1,5 @@
 """A known room, and what a laser sees in it, by the oracle of the laser's own tests."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tests.sensors.test_laser import brute_force

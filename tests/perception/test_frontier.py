@@ -1,7 +1,5 @@
 """Frontiers: where a chair can stand at the edge of what it knows."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Laws of localisation: scans fit where they were taken; a chair finds itself, and again."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from itertools import pairwise

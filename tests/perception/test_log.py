@@ -1,7 +1,5 @@
 """Logs: what is bad is skipped and counted, or refused; what is good becomes a map."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,21 +1,12 @@
 """Occupancy mapping: exact rays, a map that is the room, a field that follows the map."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 from tests.perception.rooms import LASER, away, mapped, ranges, tour
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN
-from wheelchair_gym.perception.occupancy import (
-    P_MAX,
-    P_MIN,
-    MappingSettings,
-    OccupancyMap,
-    cells_passed,
-    read_scan,
-)
+from wheelchair_gym.perception import occupancy
 
 
 def test_a_ray_passes_the_cells_that_brute_force_finds():
@@ -29,7 +20,7 @@ def test_a_ray_passes_the_cells_that_brute_force_finds():
         for k, first in ((0, col), (1, row)):  # where along the segment it enters, and leaves
             t = np.sort([(first - a[k]) / (b[k] - a[k]), (first + 1 - a[k]) / (b[k] - a[k])], 0)
             low, high = np.maximum(low, t[0]), np.minimum(high, t[1])
-        passed = path[: cells_passed(*a, *b, cols, path)]
+        passed = path[: occupancy.cells_passed(*a, *b, cols, path)]
         assert len(set(passed)) == len(passed)
         assert set(passed) == set(np.flatnonzero(high > low))
         steps = np.abs(np.diff(passed // cols).astype(int)) + np.abs(np.diff(passed % cols * 1.0))
@@ -42,7 +33,7 @@ def test_a_ray_passes_the_cells_that_brute_force_finds():
 )
 def test_rays_along_an_axis_or_within_a_cell(a, b):
     path = np.empty(40, np.uint32)
-    passed = path[: cells_passed(*a, *b, 20, path)]
+    passed = path[: occupancy.cells_passed(*a, *b, 20, path)]
     across = [int(a[1]), int(b[1])], [int(a[0]), int(b[0])]
     assert len(passed) == 1 + abs(across[0][1] - across[0][0]) + abs(across[1][1] - across[1][0])
     assert set(passed // 20) == set(range(min(across[0]), max(across[0]) + 1))
@@ -83,10 +74,10 @@ def test_the_field_is_what_the_occupied_cells_say(known):
 
 def test_surfaces_stay_where_the_wall_is_however_often_it_is_seen():
     rng = np.random.default_rng(0)
-    made = OccupancyMap()
+    made = occupancy.OccupancyMap()
     for _ in range(200):
         pose = rng.uniform((0.2, -0.3, -3.0), (0.8, 0.3, 3.0))
-        made.integrate(read_scan(LASER, ranges(pose, rng)), pose)
+        made.integrate(occupancy.read_scan(LASER, ranges(pose, rng)), pose)
     cells = np.argwhere(made.layers.odds[0] >= made.model.occupied)
     surface = made.layers.surface[0][tuple(cells.T)]
     hits = surface["hits"]
@@ -98,30 +89,30 @@ def test_surfaces_stay_where_the_wall_is_however_often_it_is_seen():
 
 
 def test_what_moved_away_is_free_again_and_log_odds_stay_within_their_clamp():
-    own = MappingSettings()
-    known = OccupancyMap(own)
+    own = occupancy.MappingSettings()
+    known = occupancy.OccupancyMap(own)
     near, far = np.full(LASER.beams, 1.0), np.full(LASER.beams, 2.0)
     for _ in range(20):
-        known.integrate(read_scan(LASER, near), np.zeros(3))
+        known.integrate(occupancy.read_scan(LASER, near), np.zeros(3))
     ahead = known.to_grid()
     assert ahead.cells[tuple(ahead.to_cell((1.0 + LASER.x, 0.0)))] == OCCUPIED
     for _ in range(20):
-        known.integrate(read_scan(LASER, far), np.zeros(3))
+        known.integrate(occupancy.read_scan(LASER, far), np.zeros(3))
     ahead = known.to_grid()
     assert ahead.cells[tuple(ahead.to_cell((1.0 + LASER.x, 0.0)))] == FREE
-    minimum, maximum = (np.log(p / (1 - p)) for p in (P_MIN, P_MAX))
+    minimum, maximum = (np.log(p / (1 - p)) for p in (occupancy.P_MIN, occupancy.P_MAX))
     assert known.layers.odds.min() == pytest.approx(minimum)
     assert known.layers.odds.max() == pytest.approx(maximum)
 
 
 def test_invalid_beams_say_nothing_and_beams_without_echo_free_so_far():
-    own = MappingSettings()
+    own = occupancy.MappingSettings()
     readings = np.full(LASER.beams, np.nan)
     readings[::2] = -np.inf
-    known = OccupancyMap(own)
-    known.integrate(read_scan(LASER, readings), np.zeros(3))
+    known = occupancy.OccupancyMap(own)
+    known.integrate(occupancy.read_scan(LASER, readings), np.zeros(3))
     assert (known.layers.odds == 0).all()
-    known.integrate(read_scan(LASER, np.full(LASER.beams, np.inf)), np.zeros(3))
+    known.integrate(occupancy.read_scan(LASER, np.full(LASER.beams, np.inf)), np.zeros(3))
     grid = known.to_grid()
     free = grid.to_world(np.argwhere(grid.cells == FREE)) - (LASER.x, 0)
     assert not (grid.cells == OCCUPIED).any()
@@ -129,9 +120,9 @@ def test_invalid_beams_say_nothing_and_beams_without_echo_free_so_far():
 
 
 def test_a_map_grows_and_keeps_what_it_knew():
-    known = OccupancyMap()
+    known = occupancy.OccupancyMap()
     pose = tour()[0]
-    known.integrate(read_scan(LASER, ranges(pose)), pose)
+    known.integrate(occupancy.read_scan(LASER, ranges(pose)), pose)
     before = known.to_grid()
     known.grow_to([(-30.0, 10.0), (3.0, -20.0)], 1.0)
     after = known.to_grid()
@@ -144,10 +135,12 @@ def test_a_map_grows_and_keeps_what_it_knew():
 @pytest.mark.parametrize(
     "wrong",
     [
-        lambda: OccupancyMap().to_grid(),
-        lambda: OccupancyMap().grow_to([(1e9, 0.0), (0.0, 1e9)], 1.0),
-        lambda: read_scan(LASER, np.ones(7)),
-        lambda: OccupancyMap().integrate(read_scan(LASER, ranges(tour()[0])), (0, np.nan, 0)),
+        lambda: occupancy.OccupancyMap().to_grid(),
+        lambda: occupancy.OccupancyMap().grow_to([(1e9, 0.0), (0.0, 1e9)], 1.0),
+        lambda: occupancy.read_scan(LASER, np.ones(7)),
+        lambda: occupancy.OccupancyMap().integrate(
+            occupancy.read_scan(LASER, ranges(tour()[0])), (0, np.nan, 0)
+        ),
     ],
 )
 def test_misuse_is_named(wrong):

@@ -1,7 +1,5 @@
 """SLAM: better than the wheels, the same for the same seed."""
 
-from __future__ import annotations
-
 from unittest.mock import patch
 
 import numpy as np

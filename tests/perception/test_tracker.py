@@ -1,7 +1,5 @@
 """Laws of the tracker: who walks is found and kept, what stands is not, and no scan breaks it."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 
@@ -16,15 +14,7 @@ from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry.kinematics import arc_step
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid
-from wheelchair_gym.perception.track_state import (
-    CONSTANTS,
-    DOOR,
-    PERSON,
-    STATIC_MAP,
-    TRACKER,
-    TRACKS,
-    TrackerConstants,
-)
+from wheelchair_gym.perception import track_state
 from wheelchair_gym.perception.tracker import Tracker, point_to_trackers, update, update_tracker
 from wheelchair_gym.safety import Shield
 from wheelchair_gym.sensors.laser import WORKSPACE_ROWS, LaserArrays, sense_laser
@@ -81,7 +71,7 @@ def test_a_walker_is_confirmed_soon_as_a_person_with_their_speed(speed):
         x, y, _ = crossing(0.1 * k, speed)[0]
         assert math.dist(history[k].place[i], (x, y)) < 0.08
         assert np.hypot(*(history[k].velocity[i] - (0.0, speed))) < 0.25
-        assert history[k].kind[i] == PERSON
+        assert history[k].kind[i] == track_state.PERSON
         assert history[k].radius[i] == pytest.approx(0.25, abs=0.05)
     assert history[-1].id[history[-1].confirmed] == history[first].id[history[first].confirmed]
     assert history[-1].travelled[history[-1].confirmed] > 0.9 * speed * 3.0
@@ -169,8 +159,8 @@ def test_a_leaf_that_swings_is_a_door(travel):
         for kind in tracks.kind[tracks.confirmed & (tracks.place[:, 0] < 3.0)]
     ]
     assert kinds
-    assert PERSON not in kinds
-    assert kinds[-1] == DOOR
+    assert track_state.PERSON not in kinds
+    assert kinds[-1] == track_state.DOOR
 
 
 def test_a_person_behind_a_pillar_keeps_their_track_and_is_predicted():
@@ -259,7 +249,7 @@ def test_no_scan_and_no_pose_breaks_it(beams):
     for k in range(60):
         pose, twist = rng.choice(poses, 3), rng.choice(poses, 2)
         tracks = tracker.update(rng.choice(values, beams), pose, twist, 0.1 * k)
-        assert len(tracks) <= TRACKS
+        assert len(tracks) <= track_state.TRACKS
         assert np.isfinite(tracker.state["pose"]).all()
     arrays = LaserArrays.of(laser, False)
     for k in range(40):
@@ -284,7 +274,7 @@ def test_more_things_than_fit_displace_none_that_is_confirmed():
         return np.vstack([crossing(t), np.column_stack([around, np.full(len(around), 0.05)])])
 
     history = follow(posts, 2.0)
-    assert max(map(len, history)) == TRACKS
+    assert max(map(len, history)) == track_state.TRACKS
     at = crossing(1.9)[0][:2]
     mine = np.hypot(*(history[-1].place - at).T) < 0.2
     assert history[-1].confirmed[mine].any()
@@ -314,16 +304,17 @@ def _update_nested(constants, row, static_map, pose, twist, laser, stamp):
 def test_a_row_of_a_batch_and_one_inside_another_record_equal_a_single_tracker(beams):
     laser = LaserSettings(beams=beams)
     arrays = LaserArrays.of(laser, True)
-    constants, states = TrackerConstants(laser), np.zeros(3, TRACKER)
+    constants, states = track_state.TrackerConstants(laser), np.zeros(3, track_state.TRACKER)
     batch = point_to_trackers(constants, states, [None] * 3)
     singles = [Tracker(laser=laser) for _ in range(3)]
     for single in singles:
         single.state[:] = 0
     nested = np.zeros(
-        1, np.dtype([("before", "f8"), ("tracker", TRACKER), ("after", "f8")], align=True)
+        1,
+        np.dtype([("before", "f8"), ("tracker", track_state.TRACKER), ("after", "f8")], align=True),
     )
-    nowhere = np.zeros(1, STATIC_MAP)
-    assert constants.record.dtype == CONSTANTS
+    nowhere = np.zeros(1, track_state.STATIC_MAP)
+    assert constants.record.dtype == track_state.CONSTANTS
     for k in range(25):
         for i, single in enumerate(singles):
             seen = scan([(0.5 * i, -2.0 + 0.1 * k, 0.25)], k + 100 * i, arrays=arrays)

@@ -4,8 +4,6 @@ Maps of rectangles drawn from seeds, and the length of the shortest path by the 
 no code with the planners.
 """
 
-from __future__ import annotations
-
 import itertools
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The grid of poses of the oracle: which are free, where a chair gets from one to another."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The same planner again, for as many iterations as a plan says that it made."""
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
 
 

@@ -1,7 +1,5 @@
 """Worlds that swarms are tested in: blocks, and the round obstacles of a paper."""
 
-from __future__ import annotations
-
 import numpy as np
 import shapely
 

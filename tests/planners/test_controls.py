@@ -1,7 +1,5 @@
 """Controls: what is rolled out is free by shapely, within the chair's limits, and arrives."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import shapely

@@ -1,7 +1,5 @@
 """Curves through points, beside scipy's."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline, PchipInterpolator

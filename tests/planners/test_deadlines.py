@@ -1,7 +1,5 @@
 """A deadline binds a planner and every planner that it calls; by a clock that ticks when read."""
 
-from __future__ import annotations
-
 import ast
 import subprocess
 import sys

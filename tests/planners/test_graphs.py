@@ -1,7 +1,5 @@
 """Laws of lattice search, of exact search and of shortcuts."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import math

@@ -1,7 +1,5 @@
 """Laws of invariance: frames, order and overlap of the input change no answer."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Laws of the lattice of manoeuvres: exact outline, drivable moves, bounds, honest statuses."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

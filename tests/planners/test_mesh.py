@@ -1,7 +1,5 @@
 """Laws of the triangles that fill what is free, on degenerate maps as well."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import numpy as np

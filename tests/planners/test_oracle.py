@@ -1,7 +1,5 @@
 """The oracle itself, against shapely and against what can be worked out by hand."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Laws of every planner, judged by geometry that is not theirs."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 

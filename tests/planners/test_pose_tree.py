@@ -1,7 +1,5 @@
 """Laws of RRT*-WOA over poses: exact outline, repeatability, deadlines, rounds that never harm."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Any map, any ends: every planner answers with a valid path or with a named status."""
 
-from __future__ import annotations
-
 import inspect
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Laws of planners that know no map: bugs, the potential field, the geometric method."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

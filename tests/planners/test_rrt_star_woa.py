@@ -1,7 +1,5 @@
 """Whales: their equations one by one, their loop, and the thesis's planners made of them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

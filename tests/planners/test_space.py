@@ -1,7 +1,5 @@
 """The exact kernels against shapely, degenerate maps included."""
 
-from __future__ import annotations
-
 import itertools
 import math
 

@@ -1,7 +1,5 @@
 """Laws of every optimiser, of what paths are worth, and of planners made of swarms."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The thesis's settings file makes the thesis's planners; each error in it is named."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace
@@ -9,18 +7,11 @@ from dataclasses import replace
 import pytest
 
 from planners import PLANNERS, make_planner
-from planners.rrt_star_woa.thesis import (
-    FIGURE_3_1,
-    GLOBAL,
-    PLANNERS_OF_FILE,
-    is_thesis,
-    read_thesis,
-    without_trailing_commas,
-)
+from planners.rrt_star_woa import thesis
 from planners.rrt_star_woa.woa import WhaleSettings
 from wheelchair_gym.base.settings import InputError
 
-FIGURE = json.dumps(dict(FIGURE_3_1.values), indent=2)[:-2] + ",\n}\n"
+FIGURE = json.dumps(dict(thesis.FIGURE_3_1.values), indent=2)[:-2] + ",\n}\n"
 
 
 @pytest.fixture
@@ -30,23 +21,23 @@ def figure(tmp_path):
     return path
 
 
-@pytest.mark.parametrize("name", PLANNERS_OF_FILE)
+@pytest.mark.parametrize("name", thesis.PLANNERS_OF_FILE)
 def test_the_figure_makes_the_thesis_planners(figure, name):
     """Its samples are never the goal, and its leader is the latest."""
     tree = PLANNERS["rrt_star"](
         step=1.0, search_radius=1.5, goal_bias=0.0, goal_reach=1.0, return_on_first_path=True
     )
     whales = WhaleSettings(a=4.0, leader="latest")
-    weight = {"collision_free_weight": 1.0} if name == GLOBAL else {}
+    weight = {"collision_free_weight": 1.0} if name == thesis.GLOBAL else {}
     swarm = {"tree": tree, "whales": whales, **weight}
     expected = tree if name == "rrt_star" else PLANNERS[name](**swarm)
-    for file in (read_thesis(figure), FIGURE_3_1):
+    for file in (thesis.read_thesis(figure), thesis.FIGURE_3_1):
         assert make_planner(file.planner(name)) == expected
 
 
 def test_the_figure_names_every_key_and_its_map(figure):
-    file = read_thesis(figure)
-    assert file.values == FIGURE_3_1.values
+    file = thesis.read_thesis(figure)
+    assert file.values == thesis.FIGURE_3_1.values
     keys = "Obstacles_Dilation", "Epsilon", "Map_Name"
     assert [file.value(f"MapProcessor_{key}") for key in keys] == [0, 0.02, "5"]
     assert file.without_effect("rrt_star_woa_global") == (
@@ -62,12 +53,12 @@ def test_the_figure_names_every_key_and_its_map(figure):
 def test_keys_that_are_missing_keep_our_defaults(tmp_path):
     path = tmp_path / "short.json"
     path.write_text('{"PathPlanner_Step_Size": 2}')
-    planner = make_planner(read_thesis(path).planner())
+    planner = make_planner(thesis.read_thesis(path).planner())
     assert planner.tree.step == 2.0
     assert planner.tree.goal_bias == 0.0
     assert planner.whales == replace(PLANNERS["rrt_star_woa_global"]().whales, leader="latest")
-    assert is_thesis({"TestMode": True})
-    assert not is_thesis({"rrt": {}})
+    assert thesis.is_thesis({"TestMode": True})
+    assert not thesis.is_thesis({"rrt": {}})
 
 
 @pytest.mark.parametrize(
@@ -87,15 +78,15 @@ def test_keys_that_are_missing_keep_our_defaults(tmp_path):
 def test_wrong_values_are_named(figure, old, new, says):
     figure.write_text(FIGURE.replace(old, new, 1))
     with pytest.raises(InputError, match=re.escape(f"figure.json: {says}")):
-        read_thesis(figure)
+        thesis.read_thesis(figure)
 
 
 def test_planners_of_others_are_refused(figure):
     with pytest.raises(InputError, match="'a_star' is none of the thesis's"):
-        read_thesis(figure).planner("a_star")
+        thesis.read_thesis(figure).planner("a_star")
 
 
 def test_commas_within_text_stay():
-    assert without_trailing_commas('{"a,}": [1, 2, ], "b": ",]",\n}') == (
+    assert thesis.without_trailing_commas('{"a,}": [1, 2, ], "b": ",]",\n}') == (
         '{"a,}": [1, 2 ], "b": ",]"\n}'
     )

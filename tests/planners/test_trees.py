@@ -1,7 +1,5 @@
 """Trees: paths are free and end on the goal, RRT* converges, variants do what they are for."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import shapely
@@ -10,23 +8,8 @@ from planners import PLANNERS
 from planners.collision.space import Space
 from planners.judge import Judge
 from planners.problem import Problem, Status
-from planners.trees.rrt_star import (
-    InformedRrtStar,
-    RrtStar,
-    RrtStarFn,
-    RrtStarLimited,
-    RrtStarSmart,
-    SplineRrtStar,
-)
-from planners.trees.tree import (
-    NONE,
-    insert,
-    nearest,
-    new_tree,
-    nodes_within,
-    place_node,
-    remove_node,
-)
+from planners.trees import rrt_star
+from planners.trees import tree as trees
 from tests.planners.test_planners import on
 
 RECTANGLES = [(4.0, 0.0, 5.0, 7.0), (7.0, 3.0, 8.0, 10.0), (1.0, 4.0, 3.0, 5.0)]
@@ -61,7 +44,7 @@ def test_rrt_star_falls_with_samples_to_the_optimum(problem):
     lengths = [
         np.mean(
             [
-                RrtStar(iterations=n).plan(problem, np.random.default_rng(seed)).length
+                rrt_star.RrtStar(iterations=n).plan(problem, np.random.default_rng(seed)).length
                 for seed in range(3)
             ]
         )
@@ -73,7 +56,7 @@ def test_rrt_star_falls_with_samples_to_the_optimum(problem):
 
 def test_costs_follow_rewiring(problem):
     """The tree's edges, walked from the root, give a path no longer than was promised."""
-    plan = RrtStar(iterations=3_000).plan(problem, np.random.default_rng(1))
+    plan = rrt_star.RrtStar(iterations=3_000).plan(problem, np.random.default_rng(1))
     assert len(plan.tree) == plan.counters["nodes"] - 1
     lines = shapely.linestrings(plan.tree.reshape(-1, 2, 2))
     solid = shapely.buffer(problem.space.solid, -1e-9)
@@ -90,24 +73,24 @@ def test_neighbours_are_those_of_brute_force_through_removal():
     rng = np.random.default_rng(6)
     points = np.vstack([rng.uniform(0, 30, (300, 2)), rng.normal(5, 0.1, (100, 2))]) * (1, 0.4)
     rng.shuffle(points)
-    tree = new_tree(np.array([0.0, 0.0, 30.0, 12.0]), 400)
+    tree = trees.new_tree(np.array([0.0, 0.0, 30.0, 12.0]), 400)
     found, distances = np.empty(400, np.int32), np.empty(400)
 
     def check(count):
         for query in rng.uniform(-1, 31, (10, 2)) * (1, 0.4):
             gaps = np.hypot(*(points[:count] - query).T)
-            assert gaps[nearest(tree, *query)] == gaps.min()
-            n = nodes_within(tree, *query, 3.0, found, distances)
+            assert gaps[trees.nearest(tree, *query)] == gaps.min()
+            n = trees.nodes_within(tree, *query, 3.0, found, distances)
             assert sorted(found[:n]) == list(np.flatnonzero(gaps <= 3.0))
 
     for i, (x, y) in enumerate(points):
-        assert insert(tree, x, y, NONE if i == 0 else 0, 1.0) == i
+        assert trees.insert(tree, x, y, trees.NONE if i == 0 else 0, 1.0) == i
         if i % 50 == 0:
             check(i + 1)
     for i in rng.permutation(np.arange(1, 400))[:150]:
         points[i] = rng.uniform(0, 12, 2)
-        remove_node(tree, i)
-        place_node(tree, i, *points[i], 0, 1.0)
+        trees.remove_node(tree, i)
+        trees.place_node(tree, i, *points[i], 0, 1.0)
     check(400)
 
 
@@ -132,7 +115,7 @@ def test_informed_rrt_star_falls_to_the_optimum(name, share, stored):
     problem, optimum = stored[name]
     lengths = []
     for iterations in (1_500, 3_000, 6_000):
-        planner = InformedRrtStar(iterations=iterations, corner_share=share)
+        planner = rrt_star.InformedRrtStar(iterations=iterations, corner_share=share)
         plan = planner.plan(problem, np.random.default_rng(0))
         if plan.status == Status.SOLVED:
             lengths.append(plan.length)
@@ -143,7 +126,10 @@ def test_informed_rrt_star_falls_to_the_optimum(name, share, stored):
 def test_informed_samples_stay_where_they_can_help(stored, monkeypatch):
     problem, _ = stored["clutter"]
     monkeypatch.setattr("planners.trees.rrt_star.MAX_NODES", 500)
-    first, done = InformedRrtStar(iterations=200), InformedRrtStar(iterations=5_000)
+    first, done = (
+        rrt_star.InformedRrtStar(iterations=200),
+        rrt_star.InformedRrtStar(iterations=5_000),
+    )
     before, after = (planner.plan(problem, np.random.default_rng(0)) for planner in (first, done))
     assert after.counters["nodes"] <= 2 * 500 + 30  # though it went on long after the tree was full
     assert after.length < before.length
@@ -154,25 +140,25 @@ def test_informed_samples_stay_where_they_can_help(stored, monkeypatch):
 
 def test_fixed_nodes_are_kept_and_paths_fall_all_the_same(stored):
     problem, _ = stored["clutter"]
-    few = RrtStar(nodes=400)
-    for plan in plans(RrtStarFn(tree=few), problem):
+    few = rrt_star.RrtStar(nodes=400)
+    for plan in plans(rrt_star.RrtStarFn(tree=few), problem):
         assert plan.counters["nodes"] <= few.nodes + 1  # and the goal
         assert plan.counters["iterations"] == few.iterations
-    assert mean_length(RrtStarFn(tree=few), problem) < 0.99 * mean_length(few, problem)
+    assert mean_length(rrt_star.RrtStarFn(tree=few), problem) < 0.99 * mean_length(few, problem)
 
 
 def test_smart_trees_are_ahead_of_plain_ones(stored):
     problem, optimum = stored["clutter"]
-    plain = RrtStar(iterations=2_000)
-    smart = mean_length(RrtStarSmart(tree=plain), problem)
+    plain = rrt_star.RrtStar(iterations=2_000)
+    smart = mean_length(rrt_star.RrtStarSmart(tree=plain), problem)
     assert smart - optimum < 0.7 * (mean_length(plain, problem) - optimum)
 
 
 def test_smart_paths_join_vertices_that_see_each_other(stored):
     problem, _ = stored["clutter"]
-    tree = RrtStar(return_on_first_path=True, step=1.5, search_radius=1.6)
+    tree = rrt_star.RrtStar(return_on_first_path=True, step=1.5, search_radius=1.6)
     solid = shapely.buffer(problem.space.solid, -1e-9)
-    pairs = zip(plans(tree, problem), plans(RrtStarSmart(tree=tree), problem), strict=True)
+    pairs = zip(plans(tree, problem), plans(rrt_star.RrtStarSmart(tree=tree), problem), strict=True)
     for plain, smart in pairs:
         assert smart.length < plain.length
         assert {tuple(point) for point in smart.path} <= {tuple(point) for point in plain.path}
@@ -184,9 +170,9 @@ def test_limited_trees_stay_in_their_strip(monkeypatch):
     """Between the start and the goal in x, wider by a step for each edge that was blocked."""
     space = Space.from_rectangles([(14.0, 3.0, 16.0, 20.0)], (0.0, 0.0, 30.0, 20.0))
     problem = Problem(space, np.array([10.0, 18.0]), np.array([20.0, 18.0]))
-    tree = RrtStar(return_on_first_path=True, step=2.0, goal_reach=2.0)
+    tree = rrt_star.RrtStar(return_on_first_path=True, step=2.0, goal_reach=2.0)
     monkeypatch.setattr("planners.trees.rrt_star.WIDENING", 0.01)
-    for plan in plans(RrtStarLimited(tree=tree), problem):
+    for plan in plans(rrt_star.RrtStarLimited(tree=tree), problem):
         assert_free(problem, plan.path)
         margin = 0.01 * plan.counters["blocked"]
         assert plan.tree[:, 0].min() >= 10.0 - margin
@@ -195,7 +181,7 @@ def test_limited_trees_stay_in_their_strip(monkeypatch):
     assert plan.counters["blocked"] > 0
     thin = Space.from_rectangles([(14.9, 3.0, 15.0, 20.0)], (0.0, 0.0, 30.0, 20.0))
     across = Problem(thin, problem.start, problem.goal)
-    assert all(plan.counters["walls_cut"] > 0 for plan in plans(RrtStarLimited(), across))
+    assert all(plan.counters["walls_cut"] > 0 for plan in plans(rrt_star.RrtStarLimited(), across))
 
 
 def turns(path):
@@ -208,11 +194,11 @@ def turns(path):
 def test_splines_have_no_corners_where_the_path_of_the_tree_has(problem, monkeypatch):
     """The finer the polyline, the less it turns at each point: by the root of the tolerance."""
     for seed in range(3):
-        path = SplineRrtStar().tree.plan(problem, np.random.default_rng(seed)).path
+        path = rrt_star.SplineRrtStar().tree.plan(problem, np.random.default_rng(seed)).path
         made = []
         for tolerance in (1e-4, 1e-7, 1e-9):
             monkeypatch.setattr("planners.trees.rrt_star.TOLERANCE", tolerance)
-            made.append(SplineRrtStar().plan(problem, np.random.default_rng(seed)))
+            made.append(rrt_star.SplineRrtStar().plan(problem, np.random.default_rng(seed)))
         coarse, fine, finest = made
         assert turns(path).max() > 0.5
         assert fine.counters["straight_legs"] == 0

@@ -1,7 +1,5 @@
 """Costs of paths: each objective beside its formula."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -3,8 +3,6 @@
 The independent reader is mcap-ros2-support, which decodes by the definitions inside the file.
 """
 
-from __future__ import annotations
-
 import math
 
 import gymnasium as gym

@@ -4,8 +4,6 @@ The drive is plain trigonometry, the writers are mcap-ros2-support's and rosbags
 this project takes part in them.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import shutil

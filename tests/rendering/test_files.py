@@ -1,7 +1,5 @@
 """Files are whole, hold the pictures given, and windows close for good."""
 
-from __future__ import annotations
-
 import io
 import math
 import subprocess

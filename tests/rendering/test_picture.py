@@ -1,7 +1,5 @@
 """Pictures show what they are told, where it is."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 
@@ -12,14 +10,7 @@ from wheelchair_gym.actors.records import combine, door, furniture, obstacle, pe
 from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.geometry.planar import polygon_edges, to_frame, to_world
 from wheelchair_gym.maps import OccupancyGrid
-from wheelchair_gym.rendering import PlanPicture, TopView, palette
-from wheelchair_gym.rendering.floor import (
-    FINE,
-    closed_loops,
-    draw_obstacles,
-    new_canvas,
-    strip_height,
-)
+from wheelchair_gym.rendering import PlanPicture, TopView, floor, palette
 from wheelchair_gym.rendering.picture import CHAIR_ALPHA
 from wheelchair_gym.types import Episode, Reading, no_discs
 
@@ -188,10 +179,10 @@ def test_walls_in_any_order_and_direction_fill_the_same():
         mixed = walls[rng.permutation(len(walls))]
         swap = rng.random(len(mixed)) < 0.5
         mixed[swap] = mixed[swap][:, [2, 3, 0, 1]]
-        assert sum(map(len, closed_loops(mixed))) == len(walls)
-        fine = new_canvas((-1, 0, 5, 4), 640).resized(FINE)
-        draw_obstacles(fine, mixed, no_discs())
-        images.append(fine.resized(1 / FINE).image)
+        assert sum(map(len, floor.closed_loops(mixed))) == len(walls)
+        fine = floor.new_canvas((-1, 0, 5, 4), 640).resized(floor.FINE)
+        floor.draw_obstacles(fine, mixed, no_discs())
+        images.append(fine.resized(1 / floor.FINE).image)
     for image in images[1:]:
         # Only the rounding of strokes may depend on the direction in which they are drawn.
         assert np.abs(image.astype(int) - images[0]).max() <= 40
@@ -272,7 +263,7 @@ def test_a_caption_stays_clear_of_the_scale_bar(size, words):
     view = TopView(room(), size=size)
     said = "12.3 m" + " and 4.5 m" * words
     bare, captioned = (view.draw((4.0, 3.0, 0.0), caption=c) for c in ("", said))
-    strip = strip_height(max(bare.shape[:2]))
+    strip = floor.strip_height(max(bare.shape[:2]))
     bar = np.argwhere((bare[-strip + 3 :].astype(int).sum(axis=-1) < 500).any(axis=0)).min()
     written = np.argwhere((bare != captioned).any(axis=(0, 2)))
     assert 0 < written.min() < strip

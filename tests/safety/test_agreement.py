@@ -1,7 +1,5 @@
 """Scans are compared with the wheels: a laser that deceives is found before it does harm."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

@@ -1,7 +1,5 @@
 """Attackers who know the truth do no harm while the shield is on, and do while it is off."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

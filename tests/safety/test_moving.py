@@ -1,7 +1,5 @@
 """The shield among people who are tracked: faster, and never nearer than they may come."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Laws of the shield on chairs with other sensors: what only a further scanner sees stops them."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 
@@ -14,19 +12,14 @@ from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.safety import Shield
 from wheelchair_gym.safety.grid import place_of_cell
 from wheelchair_gym.safety.state import CELL
-from wheelchair_gym.sensors.settings import (
-    FaultSettings,
-    LaserSettings,
-    SensorSettings,
-    UltrasonicSettings,
-)
+from wheelchair_gym.sensors import settings
 from wheelchair_gym.sim.chair import SimulatedChair
 
-BACK = LaserSettings(x=-0.28, yaw=math.pi, beams=181, fov=math.radians(180.0), reach=6.0)
-CAMERA = LaserSettings(x=-0.28, yaw=math.pi, beams=17, fov=math.radians(80.0), reach=3.0)
-FREE = LaserSettings(x=-0.28, yaw=math.pi, beams=271, shows_free=True)
-NONE = UltrasonicSettings(mounted=())
-FRONT_ONLY = SensorSettings(ultrasonic=NONE)
+BACK = settings.LaserSettings(x=-0.28, yaw=math.pi, beams=181, fov=math.radians(180.0), reach=6.0)
+CAMERA = settings.LaserSettings(x=-0.28, yaw=math.pi, beams=17, fov=math.radians(80.0), reach=3.0)
+FREE = settings.LaserSettings(x=-0.28, yaw=math.pi, beams=271, shows_free=True)
+NONE = settings.UltrasonicSettings(mounted=())
+FRONT_ONLY = settings.SensorSettings(ultrasonic=NONE)
 TEN = env_settings(None, model="rear_ultrasonics").sensors
 BACKWARD = np.array([-0.3, 0.0])
 
@@ -37,7 +30,7 @@ def cell_at(x, y):
 
 
 def with_more(*lasers, **others):
-    return SensorSettings(ultrasonic=NONE, more_lasers=lasers, **others)
+    return settings.SensorSettings(ultrasonic=NONE, more_lasers=lasers, **others)
 
 
 def reverse(sensors, twist=BACKWARD, seconds=20.0, discs=(), key=3, change=lambda k, r: r):
@@ -68,7 +61,7 @@ def test_a_wall_that_only_the_rear_ultrasonics_hear_stops_it(blind, key):
 
     def change(k, reading):
         laser = reading.laser.copy()
-        laser[SensorSettings().laser.beams :] = np.inf
+        laser[settings.SensorSettings().laser.beams :] = np.inf
         return reading._replace(laser=laser)
 
     sensors = TEN if blind else dataclasses.replace(TEN, more_lasers=())
@@ -78,7 +71,7 @@ def test_a_wall_that_only_the_rear_ultrasonics_hear_stops_it(blind, key):
     assert reasons[-1] == "obstacle"
 
 
-@pytest.mark.parametrize("sensors", [FRONT_ONLY, SensorSettings()])
+@pytest.mark.parametrize("sensors", [FRONT_ONLY, settings.SensorSettings()])
 def test_without_rear_sensors_it_meets_the_wall(sensors):
     """The laws above are about these: unseen space only slows the chair."""
     chair, _, reasons = reverse(sensors)
@@ -217,14 +210,16 @@ def test_a_scanner_that_sees_nothing_is_no_fault():
 
 @pytest.mark.parametrize("mounted", [0, 2, 10])
 def test_unmounted_ultrasonics_raise_no_fault(mounted):
-    ultrasonic = UltrasonicSettings(mounted=TEN.ultrasonic.mounted[:mounted])
-    chair, shield, _ = reverse(SensorSettings(ultrasonic=ultrasonic), np.array([0.4, 0.1]), 8.0)
+    ultrasonic = settings.UltrasonicSettings(mounted=TEN.ultrasonic.mounted[:mounted])
+    chair, shield, _ = reverse(
+        settings.SensorSettings(ultrasonic=ultrasonic), np.array([0.4, 0.1]), 8.0
+    )
     assert shield.latched == ""
     assert chair.truth.distance > 1.0
 
 
 @pytest.mark.parametrize("key", range(6))
 def test_it_hits_nothing_behind_while_sensors_fail(key):
-    faults = FaultSettings(share=1.0, onset=(0.5, 2.0))
+    faults = settings.FaultSettings(share=1.0, onset=(0.5, 2.0))
     chair, _, _ = reverse(with_more(BACK, faults=faults), key=key, seconds=12.0)
     assert chair.truth.approach_speed * chair.truth.at_fault <= 0.05

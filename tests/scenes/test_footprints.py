@@ -1,7 +1,5 @@
 """Laws of every scene for chairs of every size."""
 
-from __future__ import annotations
-
 import pytest
 import shapely
 

@@ -1,7 +1,5 @@
 """Laws of scenes where something moves: what is drawn has room, and settings mean what they say."""
 
-from __future__ import annotations
-
 import itertools
 import math
 
@@ -14,6 +12,7 @@ from agents.benchmarks.scene_statistics import scene_statistics
 from agents.evaluation.compare import suite
 from agents.evaluation.evaluate import without_labels
 from tests.conftest import long_but
+from wheelchair_gym import maps
 from wheelchair_gym.actors.records import (
     BEHAVIOURS,
     DOOR,
@@ -30,14 +29,6 @@ from wheelchair_gym.actors.records import (
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.geometry.outline import footprint_clearance
 from wheelchair_gym.geometry.planar import path_length, point_segment_distance
-from wheelchair_gym.maps import (
-    FREE,
-    OCCUPIED,
-    OccupancyGrid,
-    bottleneck,
-    footprint_margin,
-    geodesic,
-)
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.scenes.arena import WALL, Doorway
 from wheelchair_gym.scenes.crowd import leaves_that_let_pass
@@ -56,11 +47,11 @@ def drawn(count=8, first=0, **spec):
 
 def test_no_leaf_stands_open_across_the_only_way():
     """The chair starts in a nook whose opening a leaf would close."""
-    cells = np.full((60, 100), FREE, np.int8)
-    cells[:2], cells[-2:], cells[:, :2], cells[:, -2:] = (OCCUPIED,) * 4
-    cells[22:24, :40] = cells[:24, 38:40] = OCCUPIED  # a nook 1.0 m high, x 0.1 to 1.9 m,
-    cells[2:22, 38:40] = FREE  # open to the right
-    grid = OccupancyGrid(cells, 0.05, (0.0, 0.0, 0.0))
+    cells = np.full((60, 100), maps.FREE, np.int8)
+    cells[:2], cells[-2:], cells[:, :2], cells[:, -2:] = (maps.OCCUPIED,) * 4
+    cells[22:24, :40] = cells[:24, 38:40] = maps.OCCUPIED  # a nook 1.0 m high, x 0.1 to 1.9 m,
+    cells[2:22, 38:40] = maps.FREE  # open to the right
+    grid = maps.OccupancyGrid(cells, 0.05, (0.0, 0.0, 0.0))
     episode = Episode(grid, np.array([0.9, 0.6, 0.0]), np.array([4.0, 2.0, 0.0]))
     across = door((2.1, 0.1), 0.0, 1.0, 0.5 * math.pi, near=3.0)
     beside = door((3.0, 1.5), 0.0, 0.5, 0.5 * math.pi, near=3.0)
@@ -143,10 +134,10 @@ def test_suites_among_people_can_be_solved(name):
     """A free way, closed walls, and people who begin and walk clear of walls and of the chair."""
     for spec in (without_labels(scene) for scene in suite(name).scenes):
         for episode in drawn(3, **spec) + drawn(3, 1_000_000, **spec):
-            free = geodesic(episode.map, episode.goal[:2], RADIUS)
+            free = maps.geodesic(episode.map, episode.goal[:2], RADIUS)
             assert math.isfinite(free.at(episode.start[:2]))
             ends = episode.start, episode.goal, FOOTPRINT
-            assert footprint_margin(episode.walls, episode.discs, *ends) > 0.0
+            assert maps.footprint_margin(episode.walls, episode.discs, *ends) > 0.0
             for pose in ends[:2]:
                 array = FOOTPRINT.array
                 assert footprint_clearance(*pose, array, episode.walls, episode.discs, 1.0) >= 0.15
@@ -164,10 +155,10 @@ def test_suites_among_people_can_be_solved(name):
             # Nobody gets out: the border of the map is solid, and walls are closed lines.
             rim = np.ones(episode.map.shape, bool)
             rim[1:-1, 1:-1] = False
-            assert (episode.map.cells[rim] == OCCUPIED).all()
+            assert (episode.map.cells[rim] == maps.OCCUPIED).all()
             ends = np.round(episode.walls.reshape(-1, 2), 6)
             assert (np.unique(ends, axis=0, return_counts=True)[1] % 2 == 0).all()
-            regions, count = ndimage.label(episode.map.cells == FREE)
+            regions, count = ndimage.label(episode.map.cells == maps.FREE)
             assert count == 1
             inside = episode.map.to_cell(np.vstack([places, episode.actors.routes]))
             assert (regions[tuple(inside.T)] == 1).all()
@@ -242,7 +233,7 @@ def test_shares_are_spread_evenly():
 def test_what_appears_lies_on_the_way():
     count = 0
     for episode in drawn(name="temporary"):
-        path = geodesic(episode.map, episode.goal[:2], RADIUS).path(episode.start[:2])
+        path = maps.geodesic(episode.map, episode.goal[:2], RADIUS).path(episode.start[:2])
         for row in episode.actors.rows:
             assert row["kind"] == OBSTACLE
             gap = min(
@@ -260,7 +251,7 @@ def test_what_appears_lies_on_the_way():
 @pytest.mark.parametrize("corridor", [1.20, 1.05, 0.90])
 def test_a_doorway_is_as_wide_as_it_says(door, corridor):
     for episode in drawn(4, name="doorway", door_width=door, corridor_width=corridor):
-        wide = 2 * bottleneck(episode.map, episode.start[:2], episode.goal[:2])
+        wide = 2 * maps.bottleneck(episode.map, episode.start[:2], episode.goal[:2])
         # The way ends in the corridor's middle, which the start is in: the door and that count.
         assert wide == pytest.approx(min(door, corridor), abs=0.051)
         assert footprint_clearance(

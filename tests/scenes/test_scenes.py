@@ -1,7 +1,5 @@
 """Laws of every scene, over the whole registry."""
 
-from __future__ import annotations
-
 import json
 import math
 

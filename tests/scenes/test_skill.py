@@ -1,7 +1,5 @@
 """Laws of the courses of driving skills: each can be driven, and widths are those stated."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math

@@ -1,23 +1,15 @@
 """Laws of the laser: exact geometry, then stated errors."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 import pytest
 
-from wheelchair_gym.sensors.laser import (
-    WORKSPACE_ROWS,
-    LaserArrays,
-    add_laser_noise,
-    exact_scan,
-    sense_laser,
-)
+from wheelchair_gym.sensors import laser as lasers
 from wheelchair_gym.sensors.settings import LaserSettings
 
 NO_DISCS = np.empty((0, 3))
-ROOM = np.empty((WORKSPACE_ROWS, 64), np.float32)
+ROOM = np.empty((lasers.WORKSPACE_ROWS, 64), np.float32)
 
 
 def brute_force(x, y, yaw, angles, walls, discs, reach):
@@ -63,7 +55,7 @@ def test_equals_brute_force_on_random_worlds(fov):
     """1,000 worlds in all; beams that graze an end or a rim are a coin toss and exempt."""
     rng = np.random.default_rng(7)
     laser = LaserSettings(beams=181, fov=fov)
-    arrays = LaserArrays.of(laser, False)
+    arrays = lasers.LaserArrays.of(laser, False)
     angles = np.linspace(-fov / 2, fov / 2, laser.beams)
     out = np.empty(laser.beams, np.float32)
     exempt = hits = 0
@@ -71,7 +63,7 @@ def test_equals_brute_force_on_random_worlds(fov):
         walls, discs = random_world(rng)
         x, y = rng.uniform(-0.02, 0.02, 2)
         yaw = rng.uniform(-10, 10)
-        exact_scan(arrays, x, y, yaw, walls, discs, ROOM, out)
+        lasers.exact_scan(arrays, x, y, yaw, walls, discs, ROOM, out)
         expected, coin = brute_force(x, y, yaw, angles, walls, discs, laser.reach)
         # float32: the inverse range errs by a few units in its last place of its largest summand,
         # and where a wall stands by those of its ends.
@@ -88,21 +80,21 @@ def test_joints_of_a_polygon_have_no_gap():
     t = np.linspace(0, 2 * math.pi, 41)
     points = 4 * np.column_stack([np.cos(t), np.sin(t)])
     walls = np.hstack([points[:-1], points[1:]])
-    laser = LaserArrays.of(LaserSettings(), False)
+    laser = lasers.LaserArrays.of(LaserSettings(), False)
     out = np.empty(1081, np.float32)
     rng = np.random.default_rng(0)
     for _ in range(50):
         x, y, yaw = rng.uniform(-2, 2, 3)
-        exact_scan(laser, x, y, yaw, walls, NO_DISCS, ROOM, out)
+        lasers.exact_scan(laser, x, y, yaw, walls, NO_DISCS, ROOM, out)
         assert out.max() < 6.9
 
 
 def test_noise_has_its_stated_sigma_bias_and_lost_share():
     laser = LaserSettings(sigma=0.02, dropout=0.03, bias=0.01)
-    arrays = LaserArrays.of(laser, True)
+    arrays = lasers.LaserArrays.of(laser, True)
     scans = np.full((400, laser.beams), 3.0, np.float32)
     for step, out in enumerate(scans):
-        add_laser_noise(arrays, np.uint64(11), step, out)
+        lasers.add_laser_noise(arrays, np.uint64(11), step, out)
     heard = np.isfinite(scans)
     n = scans.size
     assert 1 - heard.mean() == pytest.approx(0.03, abs=5 * math.sqrt(0.03 / n) + 2e-5)
@@ -115,7 +107,7 @@ def test_noise_has_its_stated_sigma_bias_and_lost_share():
     biases = []
     for key in range(2000):
         out = np.full(1, 3.0, np.float32)
-        add_laser_noise(arrays._replace(sigma=0.0, no_echo=0.0), np.uint64(key), 0, out)
+        lasers.add_laser_noise(arrays._replace(sigma=0.0, no_echo=0.0), np.uint64(key), 0, out)
         biases.append(out[0] - 3.0)
     assert np.std(biases) == pytest.approx(0.01, rel=0.1)
     assert abs(np.mean(biases)) < 0.001
@@ -124,9 +116,9 @@ def test_noise_has_its_stated_sigma_bias_and_lost_share():
 def test_reports_follow_rep_117():
     """No echo within reach is +inf, too near is -inf."""
     laser = LaserSettings(beams=4)
-    arrays = LaserArrays.of(laser, False)
+    arrays = lasers.LaserArrays.of(laser, False)
     out = np.array([10.0, 0.01, 9.9, 0.06], np.float32)
-    add_laser_noise(arrays, np.uint64(0), 0, out)
+    lasers.add_laser_noise(arrays, np.uint64(0), 0, out)
     assert out.tolist() == pytest.approx([math.inf, -math.inf, 9.9, 0.06])
 
 
@@ -135,9 +127,9 @@ def test_where_nothing_is_no_beam_has_an_echo_at_any_reach(noise):
     """1 / (1 / reach) is below the reach for 74 of these: each was a ring of echoes."""
     out = np.empty(8, np.float32)
     for reach in np.arange(5, 1000) / 10.0:
-        arrays = LaserArrays.of(LaserSettings(beams=8, reach=reach), noise)
-        exact_scan(arrays, 0.0, 0.0, 0.0, np.empty((0, 4)), NO_DISCS, ROOM, out)
-        add_laser_noise(arrays, np.uint64(1), 0, out)
+        arrays = lasers.LaserArrays.of(LaserSettings(beams=8, reach=reach), noise)
+        lasers.exact_scan(arrays, 0.0, 0.0, 0.0, np.empty((0, 4)), NO_DISCS, ROOM, out)
+        lasers.add_laser_noise(arrays, np.uint64(1), 0, out)
         assert np.isposinf(out).all(), reach
 
 
@@ -161,8 +153,8 @@ def test_a_laser_at_the_edge_does_not_look_through_what_the_chair_touches(mount,
             walls = placed([*(() if round_ else walls), (behind, -9, behind, 9)])
             disc = np.array([[*(rotation @ (near + half, 0.0) + 3.0), half]])
             out, pose = np.empty(271, np.float32), np.array([3.0, 3.0, turn - yaw])
-            arrays, discs = LaserArrays.of(laser, False), disc if round_ else NO_DISCS
-            sense_laser(arrays, pose, walls, discs, np.uint64(0), 0, ROOM, out)
+            arrays, discs = lasers.LaserArrays.of(laser, False), disc if round_ else NO_DISCS
+            lasers.sense_laser(arrays, pose, walls, discs, np.uint64(0), 0, ROOM, out)
             return out
 
         scan, before = scan_at(depth), scan_at(-1e-3)
@@ -173,11 +165,11 @@ def test_a_laser_at_the_edge_does_not_look_through_what_the_chair_touches(mount,
 
 
 def test_same_key_same_noise_and_others_differ():
-    arrays = LaserArrays.of(LaserSettings(), True)
+    arrays = lasers.LaserArrays.of(LaserSettings(), True)
     scans = []
     for key, step in ((1, 0), (1, 0), (2, 0), (1, 1)):
         out = np.full(1081, 3.0, np.float32)
-        add_laser_noise(arrays, np.uint64(key), step, out)
+        lasers.add_laser_noise(arrays, np.uint64(key), step, out)
         scans.append(out.tobytes())
     assert scans[0] == scans[1]
     assert len(set(scans)) == 3

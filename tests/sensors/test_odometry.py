@@ -1,7 +1,5 @@
 """Laws of encoders, dead reckoning and pose sources."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Laws of a chair's own set of sensors: several scanners, and fewer ultrasonics than eight."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 
@@ -10,19 +8,14 @@ import pytest
 
 from tests.sim.worlds import cluttered
 from wheelchair_gym.envs.settings import env_settings
-from wheelchair_gym.sensors.settings import (
-    FaultSettings,
-    LaserSettings,
-    SensorSettings,
-    UltrasonicSettings,
-)
+from wheelchair_gym.sensors import settings
 from wheelchair_gym.sim.chair import SimulatedChair
 from wheelchair_gym.sim.state import FAULTS
 
-FRONT = LaserSettings(beams=271)
-BACK = LaserSettings(x=-0.28, yaw=math.pi, beams=181, fov=math.radians(180.0), reach=6.0)
-CAMERA = LaserSettings(x=0.6, beams=9, fov=math.radians(60.0), reach=3.0, range_min=0.2)
-THREE = SensorSettings(laser=FRONT, more_lasers=(BACK, CAMERA))
+FRONT = settings.LaserSettings(beams=271)
+BACK = settings.LaserSettings(x=-0.28, yaw=math.pi, beams=181, fov=math.radians(180.0), reach=6.0)
+CAMERA = settings.LaserSettings(x=0.6, beams=9, fov=math.radians(60.0), reach=3.0, range_min=0.2)
+THREE = settings.SensorSettings(laser=FRONT, more_lasers=(BACK, CAMERA))
 ALL = env_settings(None, model="rear_ultrasonics").sensors.ultrasonic.mounted
 TWISTS = [np.array([0.4, 0.3]), np.array([0.2, -0.5]), np.array([-0.2, 0.1])]
 
@@ -36,7 +29,7 @@ def readings(sensors, key=5, seed=2):
 
 def some(mounted):
     """Return sensors with the first n ultrasonics of the chair with ten."""
-    return SensorSettings(ultrasonic=UltrasonicSettings(mounted=ALL[:mounted]))
+    return settings.SensorSettings(ultrasonic=settings.UltrasonicSettings(mounted=ALL[:mounted]))
 
 
 def test_a_reading_holds_the_scans_one_after_another():
@@ -67,7 +60,7 @@ def test_further_scanners_leave_the_first_as_it_is_and_share_no_draw():
 
 
 def test_of_several_scanners_one_fails():
-    sensors = dataclasses.replace(THREE, faults=FaultSettings(share=1.0, onset=(0.1, 0.1)))
+    sensors = dataclasses.replace(THREE, faults=settings.FaultSettings(share=1.0, onset=(0.1, 0.1)))
     failed = set()
     for key in range(40):
         chair = SimulatedChair(sensors=sensors)
@@ -101,10 +94,10 @@ def test_the_mounted_ones_fire_in_their_turn(mounted):
 
 @pytest.mark.parametrize(("laser", "rangers"), [(True, False), (False, True), (False, False)])
 def test_sensors_that_it_does_not_have_do_not_fail(laser, rangers):
-    sensors = SensorSettings(
-        laser=LaserSettings(beams=31 if laser else 0),
-        ultrasonic=UltrasonicSettings(mounted=ALL if rangers else ()),
-        faults=FaultSettings(share=1.0),
+    sensors = settings.SensorSettings(
+        laser=settings.LaserSettings(beams=31 if laser else 0),
+        ultrasonic=settings.UltrasonicSettings(mounted=ALL if rangers else ()),
+        faults=settings.FaultSettings(share=1.0),
     )
     chair, kinds = SimulatedChair(sensors=sensors), set()
     for key in range(120):
@@ -115,6 +108,6 @@ def test_sensors_that_it_does_not_have_do_not_fail(laser, rangers):
 
 
 def test_a_chair_without_a_laser_has_no_ranges_of_one():
-    sensors = SensorSettings(laser=LaserSettings(beams=0))
+    sensors = settings.SensorSettings(laser=settings.LaserSettings(beams=0))
     assert sensors.lasers == sensors.slices == ()
     assert readings(sensors)[-1].laser.shape == (0,)

@@ -1,7 +1,5 @@
 """Laws of the ultrasonics: first echo in the cone, its losses, its age."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The kernels and plain pymunk agree exactly: chair and actors, entries, forces, contacts."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Laws of motion: speeds, ways to stop, turning, energy, contact; in the manner of ISO 7176."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

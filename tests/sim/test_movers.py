@@ -1,7 +1,5 @@
 """Laws of what moves: walls hold it, sensors see it, the chair is blamed for what it caused."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 
@@ -10,18 +8,8 @@ import pytest
 
 from tests.sensors.test_laser import brute_force
 from tests.sim.worlds import box, busy, exact_chair
+from wheelchair_gym.actors import records
 from wheelchair_gym.actors.orca import HALF_PLANES, avoid_wall, best_velocity
-from wheelchair_gym.actors.records import (
-    NOBODY,
-    PEOPLE,
-    PERSON,
-    actor_shapes,
-    combine,
-    door,
-    furniture,
-    obstacle,
-    person,
-)
 from wheelchair_gym.geometry.outline import footprint_clearance
 from wheelchair_gym.geometry.planar import point_segment_distance, to_world
 from wheelchair_gym.scenes import make_scene
@@ -36,7 +24,7 @@ QUIET = SensorSettings(noise=False, laser=LaserSettings(beams=32))
 
 def among(*things, half=5.0, start=(0.0, 0.0, 0.0)):
     """A square room with actors."""
-    return dataclasses.replace(box(half, start), actors=combine(things))
+    return dataclasses.replace(box(half, start), actors=records.combine(things))
 
 
 def actor_states(chair):
@@ -68,7 +56,7 @@ def test_the_laser_sees_movers_where_they_are():
         for _ in range(25):
             reading = chair.drive(np.array([0.3, 0.4]))
             truth = chair.truth
-            discs, segments = actor_shapes(episode.actors, truth.actor_poses)
+            discs, segments = records.actor_shapes(episode.actors, truth.actor_poses)
             x, y = to_world((laser.x, laser.y), truth.pose)
             if any(math.hypot(dx - x, dy - y) < r for dx, dy, r in discs):
                 continue  # the sensor is inside a person whom the chair runs down
@@ -101,7 +89,7 @@ def test_cones_hear_movers_where_they_were_when_fired():
         which = rangers.firing_order[k % 8]
         assert reading.age[which] == 0.0
         truth, mount, model = at_once.truth, rangers.mounted[which], models[which]
-        discs, segments = actor_shapes(episode.actors, truth.actor_poses)
+        discs, segments = records.actor_shapes(episode.actors, truth.actor_poses)
         x, y = to_world((mount.x, mount.y), truth.pose)
         walls, others = np.vstack([episode.walls, segments]), np.vstack([episode.discs, discs])
         yaw, half = truth.pose[2] + mount.yaw, model.field_of_view / 2
@@ -135,7 +123,7 @@ def test_nobody_walks_through_a_wall_and_the_way_stays_open():
     people, stuck, ways = 0, 0, 0
     for chair, episode in crowds(range(4), place="building", leaf_share=0.8):
         rows = episode.actors.rows
-        who = np.flatnonzero(rows["kind"] == PERSON)
+        who = np.flatnonzero(rows["kind"] == records.PERSON)
         track = [actor_states(chair)["pose"][who, :2].copy()]
         for _ in range(600):
             chair.drive(STILL)
@@ -162,7 +150,7 @@ def test_nobody_walks_through_a_wall_and_the_way_stays_open():
 def test_a_person_who_ignores_the_chair_is_stopped_and_does_not_move_it():
     """From all sides at once, chair against the wall: it stays, and its strips are pressed."""
     sides = [(x, y) for x in (-3.0, 0.2, 3.0) for y in (-2.0, 0.0, 2.5) if abs(x) > 1 or abs(y) > 1]
-    crowd = [person([side, (0.2, 0.0)], 1.8, avoids=NOBODY) for side in sides]
+    crowd = [records.person([side, (0.2, 0.0)], 1.8, avoids=records.NOBODY) for side in sides]
     chair = exact_chair()
     start = (0.2, -2.66, 0.0)
     chair.reset(among(*crowd, half=3.0, start=start), 0)
@@ -181,10 +169,12 @@ def test_a_person_who_ignores_the_chair_is_stopped_and_does_not_move_it():
 def test_people_never_press_the_chair_through_a_wall_while_it_drives():
     """It pushes through a crowd that ignores it, along a wall: outline and people stay inside."""
     crowd = [
-        person([(x, -2.6), (-x, -2.5)], 1.6, avoids=PEOPLE if k % 2 else NOBODY)
+        records.person(
+            [(x, -2.6), (-x, -2.5)], 1.6, avoids=records.PEOPLE if k % 2 else records.NOBODY
+        )
         for k, x in enumerate((-2.5, -1.9, 2.5, 1.9, 1.2))
     ]
-    crowd.append(furniture((0.9, -1.5, 0.0), (0.5, 0.4), 8.0))
+    crowd.append(records.furniture((0.9, -1.5, 0.0), (0.5, 0.4), 8.0))
     episode = among(*crowd, half=3.0, start=(-0.8, -2.55, 0.1))
     chair = exact_chair()
     chair.reset(episode, 1)
@@ -204,7 +194,7 @@ def test_people_never_press_the_chair_through_a_wall_while_it_drives():
 def test_light_furniture_is_pushed_and_stays_where_it_is_left():
     for size in ((0.5, 0.4), (0.2, 0.0)):
         chair = exact_chair()
-        chair.reset(among(furniture((1.3, 0.0, 0.0), size, 8.0)), 0)
+        chair.reset(among(records.furniture((1.3, 0.0, 0.0), size, 8.0)), 0)
         bumped = False
         for _ in range(30):
             bumped |= chair.drive(FORWARD).bumped
@@ -225,12 +215,16 @@ def test_light_furniture_is_pushed_and_stays_where_it_is_left():
 @pytest.mark.parametrize(
     ("thing", "at_fault", "contact_with"),
     [
-        (person([(1.5, 0.0)]), True, 0),  # someone who stands there
-        (person([(1.5, 0.1), (3.5, 0.1)], 1.5, avoids=PEOPLE), None, 0),  # comes back at last
-        (obstacle((2.2, 0.1), 0.2, minimum=0.9), True, 0),
-        (door((2.0, -0.5), math.pi / 2, 1.0, 1.0), True, 0),
-        (furniture((1.5, 0.0, 0.3), (0.4, 0.4), 6.0), True, 0),
-        (person([(-4.0, -4.0)]), True, -1),  # far off: the wall it is
+        (records.person([(1.5, 0.0)]), True, 0),  # someone who stands there
+        (
+            records.person([(1.5, 0.1), (3.5, 0.1)], 1.5, avoids=records.PEOPLE),
+            None,
+            0,
+        ),  # comes back at last
+        (records.obstacle((2.2, 0.1), 0.2, minimum=0.9), True, 0),
+        (records.door((2.0, -0.5), math.pi / 2, 1.0, 1.0), True, 0),
+        (records.furniture((1.5, 0.0, 0.3), (0.4, 0.4), 6.0), True, 0),
+        (records.person([(-4.0, -4.0)]), True, -1),  # far off: the wall it is
     ],
 )
 def test_a_chair_that_drives_into_something_is_at_fault(thing, at_fault, contact_with):
@@ -254,8 +248,8 @@ def test_a_chair_that_drives_into_something_is_at_fault(thing, at_fault, contact
 @pytest.mark.parametrize("twist", [(0.0, 0.0), (0.0, 0.06), (0.0, -0.06), (0.03, 0.0)])
 def test_a_chair_that_is_shoved_into_a_wall_has_not_caused_it(twist):
     """Somebody pushes a trolley into its back; the wall is 20 cm ahead."""
-    trolley = furniture((3.4, 0.1, 0.0), (0.6, 0.6), 120.0, 0.02)
-    runner = person([(1.5, 0.1), (6.0, 0.1)], 2.0, avoids=NOBODY, mass=200.0)
+    trolley = records.furniture((3.4, 0.1, 0.0), (0.6, 0.6), 120.0, 0.02)
+    runner = records.person([(1.5, 0.1), (6.0, 0.1)], 2.0, avoids=records.NOBODY, mass=200.0)
     chair = exact_chair()
     chair.reset(among(trolley, runner, half=5.0, start=(4.1, 0.0, 0.0)), 0)
     hardest = 0.0
@@ -315,8 +309,8 @@ def test_people_walk_round_a_chair_that_stands(blind):
 
 
 def test_a_door_opens_for_the_chair_and_never_closes_on_it():
-    leaf = door((1.0, -0.5), math.pi / 2, 1.0, -1.0, swings=False, near=1.2)
-    swing = door((-1.5, -0.5), math.pi / 2, 1.0, math.pi / 2, stay=2.0, every=6.0)
+    leaf = records.door((1.0, -0.5), math.pi / 2, 1.0, -1.0, swings=False, near=1.2)
+    swing = records.door((-1.5, -0.5), math.pi / 2, 1.0, math.pi / 2, stay=2.0, every=6.0)
     chair = exact_chair()
     episode = among(leaf, swing, half=4.0, start=(-0.6, 0.0, 0.0))
     chair.reset(episode, 0)
@@ -326,7 +320,7 @@ def test_a_door_opens_for_the_chair_and_never_closes_on_it():
         chair.drive(np.array([0.3 if k < 60 else (0.0 if k < 110 else -0.2), 0.0]))
         assert not chair.truth.contact
         shares.append(actor_states(chair)["opening"][:2].copy())
-        discs, segments = actor_shapes(episode.actors, chair.truth.actor_poses)
+        discs, segments = records.actor_shapes(episode.actors, chair.truth.actor_poses)
         outline = chair.settings.footprint.array
         assert footprint_clearance(*chair.truth.pose, outline, segments, discs, 1.0) > 0.0
     shares = np.array(shares)
@@ -338,7 +332,7 @@ def test_a_door_opens_for_the_chair_and_never_closes_on_it():
 def test_a_leaf_seen_end_on_is_as_wide_as_it_is_thick():
     """40 mm of it, 1 m ahead of the laser."""
     chair = exact_chair()
-    reading = chair.reset(among(door((1.66, 0.0), 0.0, 1.0, 1.0)), 0)
+    reading = chair.reset(among(records.door((1.66, 0.0), 0.0, 1.0, 1.0)), 0)
     on = np.flatnonzero(reading.laser < 1.5)
     angles = chair.sensors.laser.angles[on]
     assert np.ptp(angles) == pytest.approx(2 * math.atan(0.02), abs=math.radians(0.5))
@@ -347,12 +341,12 @@ def test_a_leaf_seen_end_on_is_as_wide_as_it_is_thick():
 
 def test_a_leaf_that_is_held_waits_at_a_distance():
     """It closes on a timetable while the chair stands in its way."""
-    leaf = door((0.0, 1.0), 0.0, 1.2, -math.pi / 2, since=0.0, stay=3.0, minimum=0.15)
+    leaf = records.door((0.0, 1.0), 0.0, 1.2, -math.pi / 2, since=0.0, stay=3.0, minimum=0.15)
     chair = exact_chair()
     chair.reset(among(leaf, start=(0.0, 0.0, 0.0)), 0)
     for _ in range(80):
         chair.drive(STILL)
-        _, segments = actor_shapes(chair._episode.actors, chair.truth.actor_poses)
+        _, segments = records.actor_shapes(chair._episode.actors, chair.truth.actor_poses)
         gap = footprint_clearance(*chair.truth.pose, chair.settings.footprint.array, segments,
                                   np.empty((0, 3)), 1.0)  # fmt: skip
         assert gap >= 0.15 - 0.02
@@ -361,9 +355,9 @@ def test_a_leaf_that_is_held_waits_at_a_distance():
 
 def test_a_leaf_closes_on_nobody_while_it_leaves_another():
     """Somebody stands close behind it, the chair before it: either holds it by itself."""
-    leaf = door((0.0, 1.0), 0.0, 1.2, -math.pi / 2, stay=20.0, since=0.0)
+    leaf = records.door((0.0, 1.0), 0.0, 1.2, -math.pi / 2, stay=20.0, since=0.0)
     chair = exact_chair()
-    chair.reset(among(leaf, person([(0.6, 1.28)]), start=(0.1, 0.35, 0.0)), 0)
+    chair.reset(among(leaf, records.person([(0.6, 1.28)]), start=(0.1, 0.35, 0.0)), 0)
     for _ in range(60):
         chair.drive(STILL)
         assert not chair.truth.contact
@@ -371,8 +365,8 @@ def test_a_leaf_closes_on_nobody_while_it_leaves_another():
 
 
 def test_obstacles_appear_at_their_distance_and_go_again():
-    things = [obstacle((2.5, 0.0), 0.25, near=1.4, minimum=1.2, stay=3.0),
-              obstacle((0.9, 0.2), 0.25, since=1.0, minimum=1.2, stay=1.0)]  # fmt: skip
+    things = [records.obstacle((2.5, 0.0), 0.25, near=1.4, minimum=1.2, stay=3.0),
+              records.obstacle((0.9, 0.2), 0.25, since=1.0, minimum=1.2, stay=1.0)]  # fmt: skip
     chair = exact_chair()
     chair.reset(among(*things), 0)
     there, first = [], math.nan

@@ -1,7 +1,5 @@
 """Simulated people: models of motion, behaviours, reactions, and the bounds that hold."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

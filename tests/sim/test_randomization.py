@@ -1,7 +1,5 @@
 """Laws of what is drawn for each episode: sensor errors and the delay of commands."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -7,17 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from wheelchair_gym.actors.records import (
-    EVERYBODY,
-    NOBODY,
-    PEOPLE,
-    Actor,
-    combine,
-    door,
-    furniture,
-    obstacle,
-    person,
-)
+from wheelchair_gym.actors import records
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sim.chair import SimulatedChair
 from wheelchair_gym.sim.settings import ChairSettings, PhysicsSettings
@@ -65,20 +55,27 @@ def exact_chair(step: float = 0.01, **chair: Any) -> SimulatedChair:
 def busy(seed: int, start: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Episode:
     """A room with everything that moves: people of each kind, doors, obstacles, furniture."""
     rng = np.random.default_rng(seed)
-    things: list[Actor] = []
+    things: list[records.Actor] = []
     spots = [(x, y) for x in (-3, -2, 2, 3) for y in (-3, -1.9, 1.9, 3)]
     rng.shuffle(spots)
-    for avoids in (EVERYBODY, EVERYBODY, PEOPLE, PEOPLE, NOBODY, NOBODY):
+    for avoids in (
+        records.EVERYBODY,
+        records.EVERYBODY,
+        records.PEOPLE,
+        records.PEOPLE,
+        records.NOBODY,
+        records.NOBODY,
+    ):
         way = np.array([spots.pop(), rng.uniform(-1, 1, 2), rng.uniform(-3, 3, 2)])
-        things.append(person(way, rng.uniform(0.6, 1.6), avoids=avoids, patience=2.0))
+        things.append(records.person(way, rng.uniform(0.6, 1.6), avoids=avoids, patience=2.0))
     for size, mass in (((0.5, 0.4), 8.0), ((0.2, 0.0), 4.0), ((0.3, 0.3), 6.0)):
-        things.append(furniture((*spots.pop(), rng.uniform(-3, 3)), size, mass))
+        things.append(records.furniture((*spots.pop(), rng.uniform(-3, 3)), size, mass))
     for near in (0.5, 2.5):
         place = rng.uniform(-2.5, 2.5, 2)
-        things.append(obstacle(tuple(place), 0.2, since=near, stay=3.0, minimum=0.9))
-    things.append(door((-3.9, 0.0), 0.0, 1.0, 1.5, near=2.0))
+        things.append(records.obstacle(tuple(place), 0.2, since=near, stay=3.0, minimum=0.9))
+    things.append(records.door((-3.9, 0.0), 0.0, 1.0, 1.5, near=2.0))
     things.append(
-        door((3.9, 0.5), math.pi, 1.2, -1.2, swings=False, since=0.5, stay=1.5, every=4.0)
+        records.door((3.9, 0.5), math.pi, 1.2, -1.2, swings=False, since=0.5, stay=1.5, every=4.0)
     )
     rng.shuffle(things)
     return Episode(
@@ -87,5 +84,5 @@ def busy(seed: int, start: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Epis
         goal=np.zeros(3),
         walls=box(4.0).walls,
         discs=np.array([(0.0, 3.2, 0.2)]),
-        actors=combine(things),
+        actors=records.combine(things),
     )

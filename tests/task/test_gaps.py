@@ -1,19 +1,11 @@
 """Laws of the gaps beside the outline."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.sensors.settings import LaserSettings
-from wheelchair_gym.task.side_clearance import (
-    BEYOND,
-    CLEARANCE_MAX,
-    NEAR,
-    proximity_speed,
-    side_clearance,
-)
+from wheelchair_gym.task import side_clearance as gaps
 
 OUTLINE, LASER = Footprint(), LaserSettings(yaw=0.02)
 DIRECTIONS = LASER.directions
@@ -32,7 +24,7 @@ def told(scan, poses=()):
     """Gaps where the chair stands and at poses (x, y, yaw), a row each."""
     flat = np.array([(x, y, np.cos(a), np.sin(a)) for x, y, a in poses], np.float32).ravel()
     out = np.empty(2 + 2 * len(poses), np.float32)
-    side_clearance(scan, *RIG, flat, out)
+    gaps.side_clearance(scan, *RIG, flat, out)
     return out.reshape(-1, 2)
 
 
@@ -57,10 +49,10 @@ def test_gaps_are_those_of_the_points_beside_each_pose(poses):
         for row, (x, y, yaw) in zip(told(scan, poses), [(0.0, 0.0, 0.0), *poses], strict=True):
             c, s = np.cos(yaw), np.sin(yaw)
             along, aside = np.array([(c, s), (-s, c)]) @ (points - (x, y)).T
-            beside = (along > -OUTLINE.rear - BEYOND) & (along < OUTLINE.front + BEYOND)
+            beside = (along > -OUTLINE.rear - gaps.BEYOND) & (along < OUTLINE.front + gaps.BEYOND)
             for gap, side in zip(row, (aside >= 0, aside < 0), strict=True):
                 near = np.abs(aside[beside & side]).min(initial=np.inf) - OUTLINE.half_width
-                assert gap == pytest.approx(min(near, CLEARANCE_MAX), abs=1e-5)
+                assert gap == pytest.approx(min(near, gaps.CLEARANCE_MAX), abs=1e-5)
 
 
 @pytest.mark.parametrize("odd", [np.inf, -np.inf, 0.0, 0.2, 9.0])
@@ -73,13 +65,13 @@ def test_one_odd_beam_in_three_makes_no_gap(odd):
 
 def test_where_nothing_is_seen_gaps_are_wide():
     for nothing in (np.inf, np.nan):
-        assert (told(np.full(LASER.beams, nothing, np.float32), AHEAD) == CLEARANCE_MAX).all()
+        assert (told(np.full(LASER.beams, nothing, np.float32), AHEAD) == gaps.CLEARANCE_MAX).all()
 
 
 def test_what_is_too_near_to_be_measured_is_at_the_laser():
     scan = np.full(LASER.beams, -np.inf, np.float32)
     assert told(scan, [])[0][0] == pytest.approx(-OUTLINE.half_width)
-    assert proximity_speed(scan, *RIG, np.array([0.5, 0.0])) == pytest.approx(0.25)
+    assert gaps.proximity_speed(scan, *RIG, np.array([0.5, 0.0])) == pytest.approx(0.25)
 
 
 @pytest.mark.parametrize(("v", "w"), [(0.5, 0.0), (-0.2, 0.0), (0.0, 0.4), (0.3, -0.9)])
@@ -87,9 +79,9 @@ def test_haste_is_the_fastest_corner_squared_and_more_the_nearer(v, w):
     corners = OUTLINE.corners
     squared = ((v - w * corners[:, 1]) ** 2 + (w * corners[:, 0]) ** 2).max()
     for gap in (0.05, 0.1, 0.3):
-        expected = max(0.0, 1.0 - gap / NEAR) * squared
+        expected = max(0.0, 1.0 - gap / gaps.NEAR) * squared
         scan = corridor(0.31 + gap, 2.0)
-        assert proximity_speed(scan, *RIG, np.array([v, w])) == pytest.approx(
+        assert gaps.proximity_speed(scan, *RIG, np.array([v, w])) == pytest.approx(
             expected, abs=0.01 * squared
         )
 
@@ -101,7 +93,7 @@ def test_haste_counts_what_stands_ahead_and_beside_a_corner():
         ahead = np.argmax(DIRECTIONS @ (off / np.hypot(*off)))
         seen = scan.copy()
         seen[ahead - 2 : ahead + 3] = np.hypot(*off)
-        assert proximity_speed(seen, *RIG, np.array([0.5, 0.0])) == pytest.approx(
+        assert gaps.proximity_speed(seen, *RIG, np.array([0.5, 0.0])) == pytest.approx(
             0.5 * 0.25, rel=0.05
         )
 
@@ -112,6 +104,6 @@ def test_where_beams_are_too_few_nothing_is_near(beams):
     scan, directions = np.full(beams, 0.5, np.float32), np.ones((beams, 2))
     rig = directions, np.zeros(2), OUTLINE.array
     out = np.zeros(2, np.float32)
-    side_clearance(scan, *rig, np.empty(0, np.float32), out)
-    assert (out == np.float32(CLEARANCE_MAX)).all()
-    assert proximity_speed(scan, *rig, np.array([0.5, 0.4])) == 0.0
+    gaps.side_clearance(scan, *rig, np.empty(0, np.float32), out)
+    assert (out == np.float32(gaps.CLEARANCE_MAX)).all()
+    assert gaps.proximity_speed(scan, *rig, np.array([0.5, 0.4])) == 0.0

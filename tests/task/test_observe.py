@@ -1,7 +1,5 @@
 """Laws of what is observed."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Laws of tracks as they are observed: those of the tracker, the nearest first."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

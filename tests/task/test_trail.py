@@ -1,7 +1,5 @@
 """Laws of the trail: it tells where a chair was, by way, in its own frame."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

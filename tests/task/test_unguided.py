@@ -1,7 +1,5 @@
 """Laws of ways that are hidden: a critic and a teacher see what an actor is not shown."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

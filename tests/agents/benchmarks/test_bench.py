@@ -1,7 +1,5 @@
 """Laws of the benchmark: every figure asked for, its settings beside it, written whole."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The command: wrong input is one line and code 2; JSON on stdout stands alone."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """`wheelchair drive` over emulated boards in real time, in a process of its own."""
 
-from __future__ import annotations
-
 import json
 import signal
 import time

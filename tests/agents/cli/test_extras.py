@@ -1,7 +1,5 @@
 """A feature whose extra is not installed names that extra in one line."""
 
-from __future__ import annotations
-
 import importlib.machinery
 import re
 import sys

@@ -1,7 +1,5 @@
 """The technician's tools from the command line, over devices in real time."""
 
-from __future__ import annotations
-
 import io
 import json
 import threading

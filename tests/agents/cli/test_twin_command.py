@@ -1,7 +1,5 @@
 """The twin from the command line: says where it is, does what is typed, and ends cleanly."""
 
-from __future__ import annotations
-
 import math
 import os
 import signal

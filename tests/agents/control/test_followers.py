@@ -1,23 +1,11 @@
 """Laws of the scripted policies, with a chair on paper."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from agents.control import FOLLOWERS
+from agents.control import FOLLOWERS, rollout
 from agents.control.followers import Objective
 from agents.control.local_map import LocalMap, sampled_walls, voxel_means
-from agents.control.rollout import (
-    TURN_LENGTH,
-    Body,
-    LocalView,
-    ReferencePath,
-    actor_distance,
-    poses_of,
-    rollout_costs,
-    stops_clear,
-)
 from agents.policies import make_policy
 from tests.agents.fakes import PaperWorld, corridor
 from wheelchair_gym.base.settings import InputError, record_of
@@ -36,7 +24,7 @@ SURE = (1e-3, 0.0, 1e-4)  # variances of an actor that is known well
 def body(v):
     """A chair that drives straight on at a speed."""
     state = np.array([v, 0.0, 0.0, 0.0])
-    return Body(state, state[[0, 2]], np.array([Limits().record]), Footprint().array)
+    return rollout.Body(state, state[[0, 2]], np.array([Limits().record]), Footprint().array)
 
 
 @pytest.mark.parametrize("follower", SOUND)
@@ -66,7 +54,7 @@ def progress(policy, width, start):
     world = PaperWorld(corridor(10.0, width), start, (8.8, 0.0, 0.0))
     poses, _ = world.run(make_policy(policy), 60.0)
     turned = abs(start[2]) - np.abs(poses[:, 2])
-    return np.maximum.accumulate(poses[:, 0] - start[0] + TURN_LENGTH * turned)
+    return np.maximum.accumulate(poses[:, 0] - start[0] + rollout.TURN_LENGTH * turned)
 
 
 @pytest.mark.parametrize(("width", "yaw"), [(8.0, 2.5), (2.2, 1.2)])
@@ -126,17 +114,17 @@ def test_a_twist_that_could_not_stop_is_refused():
     fast = body(0.8)
     for distance, clear in ((0.5, False), (3.0, True)):
         x = 0.70 + distance
-        near = LocalView(np.array([[x, 0.0, x]]), NOBODY, np.zeros((2, 4)))
-        assert stops_clear(0.8, 0.0, fast, near, 0.4, 0.05) is clear
+        near = rollout.LocalView(np.array([[x, 0.0, x]]), NOBODY, np.zeros((2, 4)))
+        assert rollout.stops_clear(0.8, 0.0, fast, near, 0.4, 0.05) is clear
 
 
 def test_room_beside_a_wall_is_slow_room():
     x = np.arange(-1.0, 3.0, 0.04)
     y = np.full(x.size, Footprint().array[2] + 0.05 + 0.02)  # 2 cm more than the margin
     wall = np.column_stack([x, y, np.hypot(x, y)])
-    near = LocalView(wall[np.argsort(wall[:, 2])], NOBODY, np.zeros((2, 4)))
+    near = rollout.LocalView(wall[np.argsort(wall[:, 2])], NOBODY, np.zeros((2, 4)))
     for v, clear in ((0.2, True), (0.8, False)):
-        assert stops_clear(v, 0.0, body(v), near, 0.4, 0.05) is clear
+        assert rollout.stops_clear(v, 0.0, body(v), near, 0.4, 0.05) is clear
 
 
 @pytest.mark.parametrize(
@@ -152,21 +140,23 @@ def test_room_beside_a_wall_is_slow_room():
 )
 def test_movers_are_not_met_in_motion(mover, v, clear):
     speed = 0.8 if mover[0] > 1.0 and v > 0.0 else 0.3 * (v == 0.0)
-    near = LocalView(np.empty((0, 3)), np.array([(*mover, *SURE)]), np.zeros((2, 4)))
-    assert stops_clear(v, 0.0, body(speed), near, 0.4, 0.05) is clear
+    near = rollout.LocalView(np.empty((0, 3)), np.array([(*mover, *SURE)]), np.zeros((2, 4)))
+    assert rollout.stops_clear(v, 0.0, body(speed), near, 0.4, 0.05) is clear
     exact = footprint_clearance(
         0.0, 0.0, 0.0, Footprint().array, np.empty((0, 4)), np.array([[*mover[:2], mover[4]]]), 9.0
     )
-    assert actor_distance(0, 0, 0, Footprint().array, near.actors, 0.0, 9.0) == pytest.approx(exact)
+    assert rollout.actor_distance(
+        0, 0, 0, Footprint().array, near.actors, 0.0, 9.0
+    ) == pytest.approx(exact)
 
 
 def cost_among(actors, v, w, speed=0.4):
     """The cost of a twist that a chair at a speed keeps, along a straight path among actors."""
     s = np.arange(0.0, 3.0, 0.05)
     reference = np.column_stack([s, np.zeros((len(s), 2)), s])
-    view = LocalView(np.empty((0, 3)), np.array(actors).reshape(-1, 8), reference)
+    view = rollout.LocalView(np.empty((0, 3)), np.array(actors).reshape(-1, 8), reference)
     twist = np.array([[[v, w, 1.5]]])
-    return rollout_costs(twist, body(speed), view, 0.05, record_of(Objective()))[0]
+    return rollout.rollout_costs(twist, body(speed), view, 0.05, record_of(Objective()))[0]
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
@@ -193,7 +183,7 @@ def test_a_person_who_walks_into_its_side_is_no_reason_to_stand():
 def test_a_place_that_may_err_is_kept_clear_of_from_farther_away():
     there = (2.0, 0.0, -0.5, 0.0, 0.25)
     gaps = [
-        actor_distance(0, 0, 0, Footprint().array, np.array([(*there, *spread)]), 1.0, 9.0)
+        rollout.actor_distance(0, 0, 0, Footprint().array, np.array([(*there, *spread)]), 1.0, 9.0)
         for spread in (SURE, (1e-3, 0.01, 0.1))
     ]
     assert 0.05 < gaps[0] - gaps[1] <= 0.1
@@ -201,11 +191,11 @@ def test_a_place_that_may_err_is_kept_clear_of_from_farther_away():
 
 def test_a_reference_begins_where_the_chair_looks_and_ends_at_the_goal():
     path = np.array([(0.0, 0.0), (2.0, 0.0), (2.0, 2.0)])
-    poses = poses_of(path, 1.5)
+    poses = rollout.poses_of(path, 1.5)
     assert poses[0] == pytest.approx((0.0, 0.0, 1.5), abs=1e-9)
     assert poses[-1] == pytest.approx((2.0, 2.0, np.pi / 2), abs=1e-6)
     assert np.hypot(*np.diff(poses[:, :2], axis=0).T).max() < 0.06
-    reference = ReferencePath(path, np.array([0.0, 0.0, 1.5]))
+    reference = rollout.ReferencePath(path, np.array([0.0, 0.0, 1.5]))
     assert (np.diff(reference.rows[:, 3]) >= 0).all()
     ways = [reference.advance(pose) and reference.way for pose in poses]
     assert (np.diff(ways) >= -1e-9).all()

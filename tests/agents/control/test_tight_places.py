@@ -1,7 +1,5 @@
 """Exact tracking of plans where they turn close to obstacles, with a chair on paper."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

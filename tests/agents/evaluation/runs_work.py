@@ -1,7 +1,5 @@
 """Functions that workers import and run in the tests of runs."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time

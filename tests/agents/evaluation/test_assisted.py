@@ -1,7 +1,5 @@
 """Measures of drives with a person, against values worked out by hand; and their comparison."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -3,8 +3,6 @@
 Chromium is run without a window on a copy of a page that tells of itself when it has loaded.
 """
 
-from __future__ import annotations
-
 import html
 import json
 import re

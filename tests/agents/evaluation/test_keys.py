@@ -1,7 +1,5 @@
 """Every key that is read of a record or a summary is written by a real evaluation."""
 
-from __future__ import annotations
-
 import pytest
 
 from agents.evaluation.compare import Suite, compare

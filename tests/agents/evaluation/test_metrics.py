@@ -1,38 +1,27 @@
 """Figures of an episode, against values worked out by hand."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 import pytest
 
-from agents.evaluation.metrics import (
-    Shortest,
-    Trace,
-    barn_score,
-    derivative_rms,
-    halts,
-    measure,
-    rough_share,
-    summarise,
-)
+from agents.evaluation import metrics
 from wheelchair_gym.maps import OccupancyGrid
 
 
 def test_jerk_of_a_cubic_is_its_third_derivative_and_acceleration_of_a_ramp_its_slope():
     t = np.arange(0.0, 3.0, 0.1)
-    assert derivative_rms(0.5 * 0.6 * t**2, 0.1, 2) == pytest.approx(0.6)  # v = j t^2 / 2
-    assert derivative_rms(0.3 + 0.2 * t, 0.1, 2) == pytest.approx(0.0, abs=1e-9)
-    assert derivative_rms(0.4 * t, 0.1, 1) == pytest.approx(0.4)
+    assert metrics.derivative_rms(0.5 * 0.6 * t**2, 0.1, 2) == pytest.approx(0.6)  # v = j t^2 / 2
+    assert metrics.derivative_rms(0.3 + 0.2 * t, 0.1, 2) == pytest.approx(0.0, abs=1e-9)
+    assert metrics.derivative_rms(0.4 * t, 0.1, 1) == pytest.approx(0.4)
 
 
 def test_rough_share_counts_sideways_and_ahead():
     steady = np.column_stack([np.full(11, 0.8), np.full(11, 1.0)])  # 0.8 m/s2 sideways
-    assert rough_share(steady, 0.1) == 0.0
-    assert rough_share(steady * (1.2, 1.0), 0.1) == 1.0
+    assert metrics.rough_share(steady, 0.1) == 0.0
+    assert metrics.rough_share(steady * (1.2, 1.0), 0.1) == 1.0
     v = np.concatenate([np.zeros(5), np.arange(6) * 0.1])  # 1 m/s2 in half of the time
-    assert rough_share(np.column_stack([v, np.zeros(11)]), 0.1) == pytest.approx(0.5)
+    assert metrics.rough_share(np.column_stack([v, np.zeros(11)]), 0.1) == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize(
@@ -40,14 +29,16 @@ def test_rough_share_counts_sideways_and_ahead():
     [(True, 5.0, 0.5), (True, 20.0, 0.25), (True, 90.0, 0.125), (False, 20.0, 0.0)],
 )
 def test_scores_are_those_of_barn(success, seconds, score):
-    assert barn_score(success, seconds, 10.0, 2.0) == pytest.approx(score)
+    assert metrics.barn_score(success, seconds, 10.0, 2.0) == pytest.approx(score)
 
 
 def test_halts_are_rests_on_the_way():
     go, rest, turn = (0.5, 0.0), (0.0, 0.0), (0.0, 0.3)
     way = [rest] * 9 + [go] * 3 + [rest] * 5 + [turn] * 2 + [rest] * 4 + [go] + [rest] * 9
-    assert halts(np.array(way), 0.1) == 1  # not before it set out, not the short one, not the end
-    assert halts(np.zeros((20, 2)), 0.1) == 0
+    assert (
+        metrics.halts(np.array(way), 0.1) == 1
+    )  # not before it set out, not the short one, not the end
+    assert metrics.halts(np.zeros((20, 2)), 0.1) == 0
 
 
 def info(x, **other):
@@ -60,12 +51,12 @@ def info(x, **other):
 
 
 def episode(last, truncated=False, given_map=None, **middle):
-    trace = Trace(0.5, shortest=Shortest(0.8, True), given_map=given_map)
+    trace = metrics.Trace(0.5, shortest=metrics.Shortest(0.8, True), given_map=given_map)
     steps = [info(0.0), info(0.25, **middle), info(0.5), info(1.25, **last)]
     for step in steps:
         trace.add(step)
     trace.acts_s = [0.001, 0.003]
-    return measure(trace, steps[-1], truncated)
+    return metrics.measure(trace, steps[-1], truncated)
 
 
 def test_a_success_is_measured():
@@ -117,7 +108,7 @@ def test_a_summary_adds_up():
         for scene in ("a", "b")
         for k, (record, margin) in enumerate([(good, 0.2), (good, 0.04), (bad, 0.05)])
     ]
-    rows = {row["scene"]: row for row in summarise(records)}
+    rows = {row["scene"]: row for row in metrics.summarise(records)}
     assert list(rows) == ["a", "b", "all"]
     assert rows["all"]["episodes"] == 6
     for row in rows.values():

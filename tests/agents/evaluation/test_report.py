@@ -1,7 +1,5 @@
 """A report stands alone, shows every failure, and repeats the numbers it was given."""
 
-from __future__ import annotations
-
 import base64
 import csv
 import html

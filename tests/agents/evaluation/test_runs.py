@@ -1,7 +1,5 @@
 """Runs: the same for all workers, after losses and interruptions, and never made twice."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

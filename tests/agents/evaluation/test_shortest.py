@@ -1,7 +1,5 @@
 """The shortest path of an episode: closed forms, invariance, and drives, none of which beats it."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Searches for settings: read strictly, the same however often stopped, judged honestly."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

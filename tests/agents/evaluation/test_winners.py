@@ -1,7 +1,5 @@
 """Paired tests decide the winner of each scene."""
 
-from __future__ import annotations
-
 from agents.evaluation.report import best_of, level_with, ranked, ranking_table, winners
 from agents.evaluation.statistics import share, wilson
 

@@ -1,7 +1,5 @@
 """Data sets for offline learning are read back by Minari itself."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

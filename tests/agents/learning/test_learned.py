@@ -1,7 +1,5 @@
 """Laws of learned policies: they drive as they were trained, and are whole or refused."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import shutil

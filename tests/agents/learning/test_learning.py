@@ -1,7 +1,5 @@
 """Laws of learning: runs resume exactly, actors see no secrets, networks act alike everywhere."""
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 import inspect

@@ -1,14 +1,12 @@
 """Data sets of recorded drives, read back by Minari itself."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
 import pytest
 
 from agents.cli import main
-from agents.learning.recorded import write_recorded
+from agents.learning.dataset import write_recorded
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.recording.record import RecordEpisodes, RecordingSettings

@@ -1,7 +1,5 @@
 """Laws of the way to stable-baselines3: what it learns from is what the chairs did."""
 
-from __future__ import annotations
-
 from collections import Counter
 
 import cv2

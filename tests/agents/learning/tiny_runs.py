@@ -1,7 +1,5 @@
 """Training runs that take a second, and weights that were never trained."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from agents.learning.features import Layout

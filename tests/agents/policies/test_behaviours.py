@@ -1,7 +1,5 @@
 """Laws of what stands and what moves: told apart from scans alone, and behaved to accordingly."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

@@ -1,7 +1,5 @@
 """Laws of planning beside driving: no plan holds the loop up, whichever clock it goes by."""
 
-from __future__ import annotations
-
 import dataclasses
 import sys
 import threading

@@ -1,7 +1,5 @@
 """Models of stable-baselines3 as policies: they observe and act as in training, or are refused."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The state machine of planned policies: every transition is taken in a drive, and no other is."""
 
-from __future__ import annotations
-
 import ast
 import inspect
 

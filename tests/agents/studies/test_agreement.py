@@ -1,7 +1,5 @@
 """Readings: the fit finds the length that made the figures, and a wrong reading fits worse."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

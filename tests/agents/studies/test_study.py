@@ -1,7 +1,5 @@
 """Studies: every published figure has its row; runs are the same for all workers, or resumed."""
 
-from __future__ import annotations
-
 import csv
 import json
 import re

@@ -1,7 +1,5 @@
 """Verdicts: right on data whose truth is known, both ways, and open where there is too little."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

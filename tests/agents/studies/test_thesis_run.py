@@ -1,7 +1,5 @@
 """The thesis's program: from a drawn map and its settings file to polygons, commands and a film."""
 
-from __future__ import annotations
-
 import json
 import re
 
@@ -16,13 +14,7 @@ from agents.studies.plan_pictures import PlanPictures
 from agents.studies.thesis import controls_of, problem_of
 from planners import Status, make_planner
 from planners.judge import Judge
-from planners.rrt_star_woa.thesis import (
-    GLOBAL,
-    KEYS,
-    PLANNERS_OF_FILE,
-    read_thesis,
-    without_trailing_commas,
-)
+from planners.rrt_star_woa import thesis
 from tests.conftest import refusal
 from tests.planners.test_thesis import FIGURE as FIGURE_TEXT
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, occupied_polygons, read_grid
@@ -30,7 +22,7 @@ from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, occupied_polygons
 CELL = 0.1  # m: edge of a pixel
 ENDS = {"resolution": CELL, "start": [1.0, 1.0], "goal": [11.0, 7.0]}
 OPTIONS = ["--resolution", "0.1", "--start", "1,1", "--goal", "11,7"]
-FIGURE = json.loads(without_trailing_commas(FIGURE_TEXT)) | {
+FIGURE = json.loads(thesis.without_trailing_commas(FIGURE_TEXT)) | {
     "TestMode": False, "MapProcessor_Obstacles_Dilation": 4, "MapProcessor_Epsilon": 0.5,
     "MapProcessor_Map_Name": "hall.png",
 }  # fmt: skip
@@ -102,10 +94,10 @@ def test_a_thin_wall_stays_at_every_epsilon(folder):
         assert any(shapely.intersects(shapely.Polygon(region.outer), wall) for region in found)
 
 
-@pytest.mark.parametrize("planner", PLANNERS_OF_FILE)
+@pytest.mark.parametrize("planner", thesis.PLANNERS_OF_FILE)
 @pytest.mark.parametrize(("dilation", "epsilon"), [(0, 0.02), (3, 0.5), (5, 1.0)])
 def test_paths_are_free_on_polygons_and_on_the_dilated_image(folder, planner, dilation, epsilon):
-    file = read_thesis(
+    file = thesis.read_thesis(
         settings(folder, MapProcessor_Obstacles_Dilation=dilation, MapProcessor_Epsilon=epsilon)
     )
     drawn = problem_of(file, **ENDS)
@@ -123,7 +115,7 @@ def test_paths_are_free_on_polygons_and_on_the_dilated_image(folder, planner, di
 
 
 def test_commands_keep_the_chair_off_the_image(folder):
-    file = read_thesis(settings(folder, MapProcessor_Epsilon=0.02))
+    file = thesis.read_thesis(settings(folder, MapProcessor_Epsilon=0.02))
     drawn = problem_of(file, **ENDS)
     found = make_planner(file.planner()).plan(drawn.problem, np.random.default_rng(0))
     made = controls_of(drawn, found, 0)
@@ -147,7 +139,7 @@ CHANGED = {
 
 def outcome(path):
     """Return the results of a settings file: free area, and path and tree of some seeds."""
-    file = read_thesis(path)
+    file = thesis.read_thesis(path)
     drawn = problem_of(file, **ENDS)
     plans = [
         make_planner(file.planner()).plan(drawn.problem, np.random.default_rng(seed))
@@ -165,7 +157,7 @@ def test_each_key_of_map_and_planner_changes_the_plan(folder, key):
 
 
 def test_the_other_keys_draw_film_or_say_that_they_do_nothing(folder, capsys):
-    assert set(KEYS) - set(CHANGED) == {"RenderGraphics", "CreateVideo", "TestMode"}
+    assert set(thesis.KEYS) - set(CHANGED) == {"RenderGraphics", "CreateVideo", "TestMode"}
     path = settings(folder, RenderGraphics=True, TestMode=True)
     assert main(["plan", "--config", str(path), *OPTIONS]) == 0
     said = capsys.readouterr()
@@ -183,7 +175,7 @@ def test_the_other_keys_draw_film_or_say_that_they_do_nothing(folder, capsys):
 
 
 def test_a_film_grows_the_tree_shows_whales_and_drives_the_commands(folder, short_films):
-    file = read_thesis(settings(folder))
+    file = thesis.read_thesis(settings(folder))
     drawn, planner = problem_of(file, **ENDS), make_planner(file.planner())
     found = planner.plan(drawn.problem, np.random.default_rng(1))
     frames = [*PlanPictures(drawn, planner, found, 1, controls_of(drawn, found, 1)).film()]
@@ -212,7 +204,7 @@ def test_create_video_writes_a_film_once(folder, capsys, short_films, monkeypatc
 
 def test_a_planner_of_the_thesis_takes_its_settings_from_the_file(folder, capsys):
     path = str(settings(folder, PathPlanner_Iterations=3))
-    for name in ("rrt_star", "rrt_star_woa_local", GLOBAL):
+    for name in ("rrt_star", "rrt_star_woa_local", thesis.GLOBAL):
         assert main(["plan", "--config", path, *OPTIONS, "--planner", name]) == 1
     assert "without effect: PathOptimizer_Population, " in capsys.readouterr().err
     assert main(["plan", "--config", path, *OPTIONS, "--planner", "a_star"]) == 0

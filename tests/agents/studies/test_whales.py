@@ -1,7 +1,5 @@
 """Whales as they are drawn: those of the plan itself, in the colours of what they cross or see."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import shapely
