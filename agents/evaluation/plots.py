@@ -28,7 +28,7 @@ LOOK: Any = {
     **mpl.rc_params_from_file(_STYLE, use_default_template=False),
     "axes.edgecolor": palette.css(palette.INK),
     "grid.color": palette.css(palette.RULE),
-    "axes.prop_cycle": mpl.cycler(color=COLOURS),
+    "axes.prop_cycle": mpl.rcsetup.cycler("color", COLOURS),
 }
 
 

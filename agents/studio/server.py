@@ -132,7 +132,7 @@ class Studio:
 
         name = request.path_params["name"]
         if not _MAP.fullmatch(name) or len(name.encode(errors="replace")) > _LONGEST:
-            names = f"a name of {_LONGEST} bytes at most that ends in .yaml, .pgm, .png, .jpg, .bmp, "
+            names = f"a name of {_LONGEST} bytes at most, ending in .yaml, .pgm, .png, .jpg, .bmp, "
             names += '.map or .json, without / \\ < > : " | ? * and no point or space at the begin'
             return PlainTextResponse(f"expected {names}\n", 400)
         content = await _body(request, MAX_BYTES)
