@@ -9,6 +9,7 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -28,7 +29,7 @@ LOOK: Any = {
     **mpl.rc_params_from_file(_STYLE, use_default_template=False),
     "axes.edgecolor": palette.css(palette.INK),
     "grid.color": palette.css(palette.RULE),
-    "axes.prop_cycle": mpl.rcsetup.cycler("color", COLOURS),
+    "axes.prop_cycle": cycler(color=COLOURS),
 }
 
 
