@@ -9,6 +9,7 @@ import numpy as np
 
 from agents.evaluation.evaluate import without_labels
 from agents.people import make_assistant
+from agents.studio import page_texts
 from wheelchair_gym.base.errors import shorten
 from wheelchair_gym.base.settings import InputError, setting, settings
 from wheelchair_gym.people.drivers.settings import Hand, Perception
@@ -167,8 +168,8 @@ class Protocol:
     """Groups of participants; none: every participant has all conditions."""
     blind: bool = True
     """Whether the page hides condition texts, and readings and arrows of shield and help."""
-    language: Literal["en", "es"] = "en"
-    """Language of the page for every participant."""
+    language: str = setting(default="en", source=_OWN)
+    """Language of the page for every participant: one that the page has texts in."""
     nasa_tlx: bool = True
     """Whether the NASA-TLX is asked after each condition."""
     questionnaires: tuple[Questionnaire, ...] = ()
@@ -184,6 +185,9 @@ class Protocol:
         for key in ("title", "consent"):
             if not getattr(self, key).strip():
                 raise InputError(f"Protocol.{key} is empty; expected text")
+        if self.language not in (known := page_texts()):
+            wrong = shorten(self.language)
+            raise InputError(f"Protocol.language is {wrong}; expected one of {', '.join(known)}")
         kinds: dict[str, tuple[Any, ...]] = {
             "conditions": self.conditions, "tasks": self.practice + self.tasks,
             "questionnaires": self.questionnaires, "groups": self.groups,
@@ -206,11 +210,11 @@ class Protocol:
         for asked in self.questionnaires:
             if not asked.statements:
                 raise InputError(f"questionnaire {asked.name}: expected at least one statement")
-        known = [condition.name for condition in self.conditions]
+        conditions = [condition.name for condition in self.conditions]
         for group in self.groups:
             named = group.conditions
-            if not named or len(set(named)) < len(named) or not set(named) <= set(known):
-                raise InputError(f"group {group.name}: expected some of {', '.join(known)}")
+            if not named or len(set(named)) < len(named) or not set(named) <= set(conditions):
+                raise InputError(f"group {group.name}: expected some of {', '.join(conditions)}")
         # Not only when a participant comes to them.
         for condition in self.conditions:
             make_assistant(condition.assist)

@@ -7,8 +7,18 @@ drives the simulated chair only.
 """
 
 from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
 
+from wheelchair_gym.base.files import read_json
 from wheelchair_gym.base.settings import InputError
+
+PAGE = Path(__file__).with_name("page")
+
+
+def page_texts() -> dict[str, Any]:
+    """Return the texts of the page by language: each file of the page's folder `texts` is one."""
+    return {file.stem: read_json(file) for file in sorted((PAGE / "texts").glob("*.json"))}
 
 
 def check_extra() -> None:

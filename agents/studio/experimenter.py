@@ -10,10 +10,14 @@ from pathlib import Path
 from typing import Any, Final
 from urllib.parse import parse_qs
 
+from starlette.responses import FileResponse, HTMLResponse, RedirectResponse
+from starlette.routing import Route
+
 from agents.evaluation.tables import templates
 from agents.people.folder import claim, progress_of, read_folder
 from agents.people.protocol import Protocol
 from agents.people.session import Session
+from agents.studio import PAGE
 from wheelchair_gym.base.settings import InputError
 
 HOME: Final = "/experimenter"
@@ -76,11 +80,6 @@ class Desk:
 
     def routes(self, body: Callable[[Any, int], Any]) -> list[Any]:
         """Return the routes of the page; `body` reads a request of limited length."""
-        from starlette.responses import FileResponse, HTMLResponse, RedirectResponse
-        from starlette.routing import Route
-
-        def shown(request: Any) -> Any:
-            return HTMLResponse(self.page())
 
         async def act(request: Any) -> Any:
             form = parse_qs((await body(request, _LONGEST)).decode("utf-8", "replace"))
@@ -91,8 +90,8 @@ class Desk:
                 return HTMLResponse(self.page(str(error)), 400)
             return RedirectResponse(HOME, 303)
 
-        look = Path(__file__).with_name("page") / "style.css"
         return [
-            Route(HOME, shown), Route(HOME, act, methods=["POST"]),
-            Route(f"{HOME}/style.css", lambda request: FileResponse(look)),
-        ]  # fmt: skip
+            Route(HOME, lambda request: HTMLResponse(self.page())),
+            Route(HOME, act, methods=["POST"]),
+            Route(f"{HOME}/style.css", lambda request: FileResponse(PAGE / "style.css")),
+        ]

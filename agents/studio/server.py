@@ -15,15 +15,24 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
+import uvicorn
+from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
+from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, Response
+from starlette.routing import Mount, Route, WebSocketRoute
+from starlette.staticfiles import StaticFiles
+from uvicorn.protocols.http.h11_impl import H11Protocol
+
+from agents.studio import PAGE, page_texts
 from agents.studio.access import MAX_BYTES, Access, Bucket, Guard
 from agents.studio.drawing import UPLOADS
 from agents.studio.experimenter import HOME, Desk
 from agents.studio.messages import Outbox, read_message
 from agents.studio.warm_up import WarmUp
-from wheelchair_gym.base.files import atomic_write, read_json
+from wheelchair_gym.base.files import atomic_write
 from wheelchair_gym.base.settings import InputError
+from wheelchair_gym.rendering.palette import style_sheet
 
-PAGE: Final = Path(__file__).with_name("page")
 PAGES: Final = ("drive", "plan", "compare", "study")
 _MAX_PAGES = 8  # open at once
 _MAX_MESSAGE = 1 << 20  # bytes
@@ -71,15 +80,11 @@ class Studio:
 
     def app(self) -> Any:
         """The ASGI application."""
-        from starlette.applications import Starlette
-        from starlette.responses import JSONResponse
-        from starlette.routing import Mount, Route, WebSocketRoute
-        from starlette.staticfiles import StaticFiles
-
         routes: list[Any] = [
             Route("/pages", lambda request: JSONResponse(self.pages)),
-            Route("/texts.json", self._texts),
-            Route("/theme.css", self._theme),
+            Route("/texts.json", lambda request: JSONResponse(page_texts())),
+            # The colours of pictures and reports, as properties of the page.
+            Route("/theme.css", lambda request: Response(style_sheet(), media_type="text/css")),
             WebSocketRoute("/session/{page}", self._socket),
         ]
         if self.pages == PAGES:
@@ -103,33 +108,14 @@ class Studio:
 
     async def _file(self, request: Any) -> Any:
         """A recording, a film or a map of the folder, by its bare name."""
-        from starlette.responses import FileResponse, PlainTextResponse
-
         name = request.path_params["name"]
         path = self.folder / name
         if not _FILE.fullmatch(name) or path.is_symlink() or not path.is_file():
             return PlainTextResponse("there is no such file\n", 404)
         return FileResponse(path, filename=name)
 
-    async def _texts(self, request: Any) -> Any:
-        """All texts of the page by language: each file of the page's folder `texts` is one."""
-        from starlette.responses import JSONResponse
-
-        files = sorted((PAGE / "texts").glob("*.json"))
-        return JSONResponse({file.stem: read_json(file) for file in files})
-
-    async def _theme(self, request: Any) -> Any:
-        """The colours of pictures and reports, as properties of the page."""
-        from starlette.responses import Response
-
-        from wheelchair_gym.rendering.palette import style_sheet
-
-        return Response(style_sheet(), media_type="text/css")
-
     async def _upload(self, request: Any) -> Any:
         """Keep a map file that a page sends, for the message `load`."""
-        from starlette.responses import PlainTextResponse
-
         name = request.path_params["name"]
         if not _MAP.fullmatch(name) or len(name.encode(errors="replace")) > _LONGEST:
             names = f"a name of {_LONGEST} bytes at most, ending in .yaml, .pgm, .png, .jpg, .bmp, "
@@ -181,8 +167,6 @@ class Studio:
 
 async def _body(request: Any, limit: int) -> bytes:
     """Read the body of a request of limited length [bytes]."""
-    from starlette.exceptions import HTTPException
-
     content = bytearray()
     async for chunk in request.stream():
         content += chunk
@@ -268,9 +252,6 @@ def make_server(studio: Studio) -> Any:
     A connection without a complete request is closed after some seconds, and the oldest of too many
     at once: strangers cannot keep others out. `Guard` closes the connections that it refuses.
     """
-    import uvicorn
-    from uvicorn.protocols.http.h11_impl import H11Protocol
-
     waiting: dict[Any, asyncio.TimerHandle] = {}  # connections, and what will close each
 
     class Connection(H11Protocol):

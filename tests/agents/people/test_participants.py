@@ -325,6 +325,7 @@ def test_answers_off_the_scale_are_refused(tmp_path, last):
     ({"devices": []}, "expected some of keyboard, gamepad, touch, switch"),
     ({"devices": ["mouse"]}, "mouse"),
     ({"scan_period": 0.1}, "expected 0 or >= 0.3"),
+    ({"language": "fr"}, "language is 'fr'; expected one of en, es"),
     ({"order": "random"}, "must be one of balanced, listed"),
     ({"conditions": [{"name": "a", "hand": {"tremors": 1.0}}]}, "tremor"),
     ({"conditions": [{"name": "a", "perception": {"reaction": 1.0}}]}, "reaction is the particip"),
@@ -339,6 +340,14 @@ def test_answers_off_the_scale_are_refused(tmp_path, last):
 def test_a_wrong_protocol_is_one_line_that_names_the_key(change, expected):
     with pytest.raises(InputError, match=expected):
         load(Protocol, dump(read(Protocol, EXAMPLE)) | change, "protocol.json")
+
+
+def test_a_language_is_a_file_of_texts(tmp_path, monkeypatch):
+    (tmp_path / "texts").mkdir()
+    for name in ("en", "fr"):
+        (tmp_path / "texts" / f"{name}.json").write_text("{}")
+    monkeypatch.setattr("agents.studio.PAGE", tmp_path)
+    assert protocol(language="fr").language == "fr"
 
 
 def test_paired_tests_are_those_of_scipy_and_failed_drives_have_no_time(tmp_path):

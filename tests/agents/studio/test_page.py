@@ -10,8 +10,8 @@ import pytest
 
 from agents.cli import main
 from agents.people import ASSISTANTS
+from agents.studio import PAGE, page_texts
 from agents.studio.catalogue import NO_HAND, NO_SIGHT, places
-from agents.studio.server import PAGE
 from tests.agents.studio.served import SCREENS, axe, browsing, cut_off, looked_at, serving, until
 from tests.hardware.conftest import build_twin
 from wheelchair_gym.base.files import read_json
@@ -490,7 +490,7 @@ def test_pictures_and_pages_share_one_legend_and_walls_stand_out():
 
 
 def test_every_text_is_there_in_every_language():
-    languages = {file.stem: read_json(file) for file in (PAGE / "texts").glob("*.json")}
+    languages = page_texts()
     english = languages["en"]
     assert {"en", "es"} <= set(languages)
     for texts in languages.values():
