@@ -2,19 +2,13 @@
 import { LANGUAGES, setLanguage, text, translate } from "./texts.js";
 import { ComparePage } from "./compare.js";
 import { DrivePage } from "./drive.js";
-import { build, make } from "./link.js";
+import { build, by, make } from "./link.js";
 import { PlanPage } from "./plan.js";
 import { StudyPage } from "./study.js";
-
-const by = id => document.getElementById(id);
 
 /** What there is to do, for somebody who is here for the first time. */
 class WelcomePage {
   constructor(root) { build(root, by("welcome-page").innerHTML); }
-
-  restyle() {}
-
-  close() {}
 }
 
 const PAGES = { welcome: WelcomePage, drive: DrivePage, plan: PlanPage, compare: ComparePage, study: StudyPage };
@@ -43,11 +37,11 @@ function apply() {
   keep();
   translate();
   document.title = text("title");
-  page?.restyle(looks);
+  page?.restyle?.(looks);
 }
 
 function open(name) {
-  page?.close();
+  page?.close?.();
   by("main").replaceChildren();
   by("lost").hidden = by("error").hidden = true;
   for (const tab of by("tabs").querySelectorAll("button")) {

@@ -268,13 +268,12 @@ export class DrivePage {
     this.running = false;
     this.result = message;
     this.buttons();
-    const fixed = (value, digits) => value.toFixed(digits);
     const words = text(message.outcome);
     this.banner(words, message.outcome === "success" ? "good" : message.outcome === "collision" ? "alarm" : "");
     this.on.outcome.textContent = words;
     this.on.figures.textContent = text("figures", {
-      time: fixed(message.time, 1), length: fixed(message.length, 2), shortest: message.shortest === null ? "–" : fixed(message.shortest, 2),
-      clearance: fixed(message.clearance_min, 2), energy: fixed(message.energy, 2), changed: fixed(100 * message.changed, 0),
+      time: message.time.toFixed(1), length: message.length.toFixed(2), shortest: message.shortest?.toFixed(2) ?? "–",
+      clearance: message.clearance_min.toFixed(2), energy: message.energy.toFixed(2), changed: (100 * message.changed).toFixed(0),
     });
     this.on.results.hidden = false;
     this.on.recording.hidden = this.on.film.hidden = !message.file;

@@ -1,7 +1,7 @@
 // The WebSocket of a page, and what every page shows of it: progress, errors, a lost connection.
 import { text } from "./texts.js";
 
-const by = id => document.getElementById(id);
+export const by = id => document.getElementById(id);
 
 /** Tell people who listen to the page. */
 export function say(what) { by("said").textContent = what; }
@@ -68,11 +68,7 @@ export function option(kind, name, value = name) {
 export const places = rows => rows.map(([value, group, name]) => option(group === "scene" || group === "twin" ? "p" : group, name, value));
 
 /** A mark in a colour of the theme. */
-export function mark(colour) {
-  const one = make("span", { className: "key" });
-  one.style.background = `var(--${colour})`;
-  return one;
-}
+export const mark = colour => make("span", { className: "key", style: `background: var(--${colour})` });
 
 /** Move a slider to its end, from its begin if it is there, and show each place; return the timer. */
 export function play(slider, show, step, period) {

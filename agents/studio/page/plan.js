@@ -21,7 +21,7 @@ export class PlanPage {
     this.fill();
     this.listen();
     this.link = new Link("plan", {
-      planners: message => this.choose(message), choices: message => this.places(message), map: message => this.take(message),
+      planners: message => this.choose(message), choices: message => this.on.place.replaceChildren(...places(message.places)), map: message => this.take(message),
       planning: message => { this.planner = message.planner; this.banner(text("planning", message)); },
       progress: state => { if (this.planner && state.kernel) this.banner(`${text("planning", { planner: this.planner })}. ${text("compile_now", state)}`); }, plan: message => this.answer(message),
       planned: () => this.planned(), growth: message => this.grow(message), saved: message => this.saved(message.files),
@@ -149,10 +149,6 @@ export class PlanPage {
     this.on.planners.replaceChildren(...message.names.map(name => make(
       "label", { className: "check" }, make("input", { type: "checkbox", value: name, checked: message.first.includes(name) }), ` ${name}`,
     )));
-  }
-
-  places(message) {
-    this.on.place.replaceChildren(...places(message.places));
   }
 
   take(message) {

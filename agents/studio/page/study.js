@@ -1,9 +1,8 @@
 // The page Study: consent, drives and questionnaires of an experiment, one step after another.
-import { build, Link, say, showError } from "./link.js";
+import { build, by, Link, make, say, showError } from "./link.js";
 import { DrivePage } from "./drive.js";
 import { setLanguage, text, translate } from "./texts.js";
 
-const by = id => document.getElementById(id);
 const escape = what => Object.assign(document.createElement("i"), { textContent: what }).innerHTML;
 const button = (id, key) => `<div class="row"><button id="${id}" class="main" data-t="${key}"></button></div>`;
 const BAR = '<div class="row"><button id="rest" data-t="rest"></button><button id="withdraw" data-t="withdraw"></button></div>';
@@ -12,8 +11,7 @@ const FEW = 11; // marks that stand in one row on any screen
 export class StudyPage extends DrivePage {
   constructor(root, looks) {
     super(root, looks);
-    this.panel = document.createElement("section");
-    this.panel.className = "panel";
+    this.panel = make("section", { className: "panel" });
     root.prepend(this.panel);
     // The same speed for everybody, and nothing that names the condition; the device is chosen before a drive.
     this.choice = [this.on.device.closest("label"), this.on.scanning];
@@ -62,8 +60,9 @@ export class StudyPage extends DrivePage {
   /** Show the world and the stick, or not. */
   stage(shown) { this.on.map.closest(".page").hidden = !shown; }
 
-  /** Show a panel; in a step of the session, it has buttons to pause and to stop taking part. */
+  /** Show a panel alone; in a step of the session, it has buttons to pause and to stop taking part. */
   show(html, then, inStep = false) {
+    this.stage(false);
     const found = build(this.panel, html + (inStep ? BAR : ""));
     translate(this.panel);
     if (inStep) found.rest.onclick = () => this.rest(!this.paused);
@@ -79,11 +78,7 @@ export class StudyPage extends DrivePage {
     this.looks.language = message.language;
     setLanguage(message.language);
     by("language").closest("label").hidden = true;
-    this.on.device.replaceChildren(...message.devices.map(name => {
-      const one = document.createElement("option");
-      one.value = name; one.dataset.t = `d_${name}`;
-      return one;
-    }));
+    this.on.device.replaceChildren(...message.devices.map(name => make("option", { value: name, t: `d_${name}` })));
     translate();
     if (matchMedia("(pointer: coarse)").matches && message.devices.includes("touch")) this.on.device.value = "touch";
     if (message.scan_period) this.on.period.value = message.scan_period;
@@ -94,7 +89,6 @@ export class StudyPage extends DrivePage {
 
   ask() {
     sessionStorage.clear();
-    this.stage(false);
     this.show(
       `<h2 tabindex="-1">${escape(this.title)}</h2><form id="who"><label><span data-t="participant"></span>
         <input id="number" type="number" min="1" max="9999" step="1" required></label>${button("go", "study_go")}</form>`,
@@ -109,7 +103,6 @@ export class StudyPage extends DrivePage {
 
   /** Ask a question with two answers. */
   decide(key, values, yes, no, then) {
-    this.stage(false);
     this.show(
       `<h2 tabindex="-1" class="text">${escape(text(key, values))}</h2>
         <div class="row"><button id="yes" class="main" data-t="${yes}"></button><button id="no" data-t="${no}"></button></div>`,
@@ -140,8 +133,8 @@ export class StudyPage extends DrivePage {
       if (yes) { this.link.send("withdraw"); return; }
       if (!this.running) { this.step(this.due); return; }
       this.link.send("pause", { on: false });
-      this.stage(true);
       this.show(this.heading(this.due), null, true);
+      this.stage(true);
     });
   }
 
@@ -176,7 +169,6 @@ export class StudyPage extends DrivePage {
   }
 
   consent(step) {
-    this.stage(false);
     this.show(
       `${this.heading(step)}<h2 tabindex="-1" data-t="consent"></h2><p class="text">${escape(this.protocol.consent)}</p>
         <label class="check"><input type="checkbox" id="agreed"> <span data-t="agree"></span></label>${button("go", "study_go")}`,
@@ -189,7 +181,6 @@ export class StudyPage extends DrivePage {
   }
 
   task(step) {
-    this.stage(false);
     this.show(
       `${this.heading(step)}<h2 tabindex="-1">${escape(step.task)}</h2>${step.practice ? '<p data-t="practice"></p>' : ""}
         ${step.text.map(one => `<p class="text">${escape(one)}</p>`).join("")}
@@ -235,7 +226,6 @@ export class StudyPage extends DrivePage {
 
   questions(step) {
     const tlx = step.questionnaire === "nasa_tlx", words = what => escape(tlx ? text(what) : what), kept = this.kept();
-    this.stage(false);
     const item = ([asked, low, high, values], k) => {
       const marks = values.map(value =>
         `<label class="mark"><input type="radio" name="q${k}" value="${value}" aria-label="${value}"><span aria-hidden="true">${value}</span></label>`);
@@ -270,7 +260,6 @@ export class StudyPage extends DrivePage {
   done(message) {
     sessionStorage.clear();
     this.joining = this.running = false;
-    this.stage(false);
     this.tell(message.outcome);
     this.show(`<h2 tabindex="-1" data-t="${message.text}"></h2>${button("go", "next_participant")}`, on => { on.go.onclick = () => this.ask(); });
     say(text(message.text));
