@@ -46,10 +46,10 @@ def tidy(people: Sequence[Progress]) -> list[Record]:
             if record.get("practice") or not (values := _values(record)):
                 continue
             source = record["questionnaire"] or "drive"
-            group = one.protocol.group_of(one.participant)
             tried = [other for other in one.attempts if other["key"] == record["key"]]
             same = {
-                "participant": one.participant, "group": group.name if group else "",
+                "participant": one.participant,
+                "group": one.protocol.group_of(one.participant).name,
                 "attempts": len(tried) or None, "source": source,
                 **{key: record.get(key) for key in COLUMNS[2:9]},
             }  # fmt: skip

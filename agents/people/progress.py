@@ -90,9 +90,9 @@ class Progress:
 
     def row(self) -> Record:
         """Return the progress as a row of a table."""
-        group = self.protocol.group_of(self.participant)
         return {
-            "participant": self.participant, "group": group.name if group else "",
+            "participant": self.participant,
+            "group": self.protocol.group_of(self.participant).name,
             "state": self.state.value, "done": len(self.done), "steps": len(self.steps),
             "attempts": len(self.attempts), "remarks": len(self.remarks), "last": self.last,
         }  # fmt: skip

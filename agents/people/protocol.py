@@ -221,10 +221,10 @@ class Protocol:
         for task in (*self.practice, *self.tasks):
             make_scene(without_labels(task.scene))
 
-    def group_of(self, participant: int) -> Group | None:
-        """Return the group of a participant (a number from 1); None without groups."""
+    def group_of(self, participant: int) -> Group:
+        """Return the group of a participant (a number from 1); without groups, one of all."""
         if not self.groups:
-            return None
+            return Group("", tuple(condition.name for condition in self.conditions))
         block, k = divmod(participant - 1, len(self.groups))
         shuffled = np.random.default_rng([self.seed, _GROUPS, block]).permutation(len(self.groups))
         return self.groups[int(shuffled[k])]
@@ -237,8 +237,8 @@ class Protocol:
 
     def conditions_of(self, participant: int) -> tuple[Condition, ...]:
         """Return the conditions in the order of a participant (a number from 1)."""
-        group = self.group_of(participant)
-        mine = [one for one in self.conditions if group is None or one.name in group.conditions]
+        names = self.group_of(participant).conditions
+        mine = [one for one in self.conditions if one.name in names]
         row = self._row(participant, len(mine), _CONDITIONS)
         return tuple(mine) if self.order == "listed" else tuple(mine[k] for k in row)
 

@@ -42,9 +42,10 @@ class Session:
         digest = claim(Path(folder), protocol)
         self.protocol, self.participant = protocol, participant
         self.folder = folder_of(Path(folder), participant)
-        group, self._unsaved = protocol.group_of(participant), dict[str, Any]()
+        self._unsaved: dict[str, Any] = {}
         self._opening = {
-            "participant": participant, "group": group.name if group else "", "protocol": digest,
+            "participant": participant, "group": protocol.group_of(participant).name,
+            "protocol": digest,
             "seed": protocol.seed, "version": version("wheelchair_gym"), "commit": _commit(),
         }  # fmt: skip
         self._lock = threading.RLock()  # the experimenter's remarks come from another thread
@@ -95,7 +96,12 @@ class Session:
                 self._append("stopped", {"rule": rule})
             return True
 
-    def _due(self, kind: str, step: Step | None = None) -> Step:
+    def due(self, kind: str, step: Step | None = None) -> Step:
+        """Return the step that is due.
+
+        Raises:
+            InputError: it is of another kind, or another step.
+        """
         due = self.next()
         if due is None or due.kind != kind or (step is not None and step != due):
             now = "the session is over" if due is None else f"{due.key} is next"
@@ -118,7 +124,7 @@ class Session:
 
     def consent(self) -> None:
         """Record that the participant agrees to the protocol's text."""
-        self.mark("consent", **self._due("consent")._asdict())
+        self.mark("consent", **self.due("consent")._asdict())
 
     def start(
         self, recording: str = "", device: str = "", scan_period: float | None = None
@@ -130,7 +136,7 @@ class Session:
             device: that the participant uses, one of the protocol's.
             scan_period: of a single switch [s].
         """
-        step = self._due("drive")
+        step = self.due("drive")
         by = {"device": device, "scan_period": scan_period, "recording": recording}
         attempt = {"attempt": self._attempts(step) + 1, "world": self.world(step)}
         self.mark("started", **step._asdict() | attempt | by)
@@ -156,7 +162,7 @@ class Session:
 
     def drive(self, step: Step, drive: Callable[[int], Mapping[str, Any]]) -> None:
         """Make the drive that is due: from the seed of its world to figures with an outcome."""
-        self._due("drive", step)
+        self.due("drive", step)
         world = self.world(step)
         self.start()
         figures = drive(world)
@@ -178,7 +184,7 @@ class Session:
                 raise InputError(f"{where}: {shorten(value)}; expected {ends}")
         names = [item.name for item in items]
         answers = dict(zip(names, map(int, values), strict=True))
-        self.mark("answers", **self._due("answers", step)._asdict() | {"answers": answers})
+        self.mark("answers", **self.due("answers", step)._asdict() | {"answers": answers})
 
 
 _commit = cache(commit)

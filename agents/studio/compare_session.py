@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
 from contextlib import suppress
+from itertools import islice
 from operator import itemgetter
 from pathlib import Path
 from typing import Any, Final
@@ -147,25 +147,20 @@ def _labelled(specs: Any, name: str, what: str) -> Any:
 
 
 def _found(folder: Path) -> tuple[dict[str, Path], dict[str, Path]]:
-    """Recordings, and results of runs, below a folder by their relative names, newest first."""
-    newest = sorted(_files(folder), reverse=True)
-    recordings = [path for _, path in newest if path.suffix == ".mcap"][:_MAX_FILES]
-    runs = [path for _, path in newest if path.name == RESULTS][:_MAX_FILES]
+    """Recordings, and results of runs, below a folder by their relative names, newest first.
+
+    They are regular files, no links, and not too many.
+    """
+    files = (Path(parent) / name for parent, _, names in os.walk(folder) for name in names)
+    found = []
+    for path in islice(files, _MAX_SEEN):
+        if path.suffix in (".mcap", ".json") and path.is_file() and not path.is_symlink():
+            with suppress(OSError):  # it may be gone by now
+                found.append((path.stat().st_mtime, path.relative_to(folder)))
+    newest = [name for _, name in sorted(found, reverse=True)]
+    recordings = [name for name in newest if name.suffix == ".mcap"][:_MAX_FILES]
+    runs = [name for name in newest if name.name == RESULTS][:_MAX_FILES]
     return (
-        {path.relative_to(folder).as_posix(): path for path in recordings},
-        {path.parent.relative_to(folder).as_posix(): path for path in runs},
+        {name.as_posix(): folder / name for name in recordings},
+        {name.parent.as_posix(): folder / name for name in runs},
     )
-
-
-def _files(folder: Path) -> Iterator[tuple[float, Path]]:
-    """Regular files below a folder with their times of change; no links, and not too many."""
-    seen = 0
-    for parent, _, names in os.walk(folder):
-        for name in names:
-            seen += 1
-            if seen > _MAX_SEEN:
-                return
-            path = Path(parent) / name
-            if path.suffix in (".mcap", ".json") and path.is_file() and not path.is_symlink():
-                with suppress(OSError):  # it may be gone by now
-                    yield path.stat().st_mtime, path

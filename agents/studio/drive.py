@@ -28,7 +28,7 @@ from wheelchair_gym.perception.tracker import Tracker
 from wheelchair_gym.recording.record import RecordEpisodes
 from wheelchair_gym.rendering.floor import closed_loops
 from wheelchair_gym.safety.stops import active_stops
-from wheelchair_gym.types import Stick, Truth
+from wheelchair_gym.types import Stick
 
 _REST: Final = 0.02  # m/s, rad/s: slower is at rest
 _LONGEST_STOP: Final = 5.0  # s in which a chair that is let go comes to rest
@@ -121,12 +121,6 @@ class Drive:
         self._contact, self._changed = bool(self._info["contact"]), 0
         self._truncated = False
 
-    @property
-    def truth(self) -> Truth:
-        """The state of the simulation."""
-        truth: Truth = self._world.chair.truth
-        return truth
-
     def set_assistant(self, name: Any) -> None:
         """Change the assistant from now on.
 
@@ -188,7 +182,7 @@ class Drive:
         if forward or left:
             self._by = by
         self._asked = _NOTHING._replace(forward=forward, left=left)
-        pose = self.truth.pose
+        pose = self._world.chair.truth.pose
         stick = self._asked
         if self._hand is not None:
             goal = self._world.episode.goal
@@ -244,9 +238,9 @@ class Drive:
 
     def rest(self) -> None:
         """Release the stick until the chair stands; simulated time runs as fast as it can."""
-        period = self._world.task.period
-        for _ in range(math.ceil(_LONGEST_STOP / period)):
-            if self.over or not self.steps or np.abs(self.truth.twist).max() < _REST:
+        world = self._world
+        for _ in range(math.ceil(_LONGEST_STOP / world.task.period)):
+            if self.over or not self.steps or np.abs(world.chair.truth.twist).max() < _REST:
                 return
             self._advance(_NOTHING)
 
@@ -289,7 +283,7 @@ class Drive:
 
         Ranges are little-endian uint16 [mm]; 0 where there is no echo.
         """
-        world, truth, info = self._world, self.truth, self._info
+        world, truth, info = self._world, self._world.chair.truth, self._info
         reading, shield = world.task.reading, world.shield
         sensors, sight = world.settings.sensors, self._sight
         reason = ""

@@ -14,7 +14,7 @@ from agents.evaluation.evaluate import episode_env, label, without_labels
 from agents.evaluation.metrics import Record, Trace, measure
 from agents.people.folder import LARGEST, progress_of
 from agents.people.progress import ABORTED, CUT_OFF, GIVEN_UP, OVER, State
-from agents.people.protocol import DEVICES, MIN_SCAN, Step
+from agents.people.protocol import DEVICES, MIN_SCAN, Condition, Step, Task
 from agents.people.session import Session
 from agents.studio.catalogue import NO_HAND, NO_SIGHT, Place
 from agents.studio.drive import Drive, Order
@@ -145,17 +145,6 @@ class StudySession(DriveSession):
             raise InputError("participant: expected a number first")
         return self._session
 
-    def _drive_due(self) -> Step:
-        """The drive that is due.
-
-        Raises:
-            InputError: another step is.
-        """
-        step = self._of().next()
-        if step is None or step.kind != "drive":
-            raise InputError(f"begin: {'the session is over' if step is None else step.kind}")
-        return step
-
     def _is_due(self, message: Message) -> Step | None:
         """The step that is due if a message is about it; else it is sent, since that is done."""
         progress = self._of().progress
@@ -179,9 +168,8 @@ class StudySession(DriveSession):
             "count": len(progress.steps),
         }  # fmt: skip
         if step.kind == "drive":
-            of["text"] = [self._task(step).text]
-            if not protocol.blind:
-                of["text"].append(self._condition(step).text)
+            task, condition = self._settings_of(step)
+            of["text"] = [task.text] if protocol.blind else [task.text, condition.text]
         elif step.kind == "answers":
             of["items"] = [
                 [item.text, item.low, item.high, list(item.values)]
@@ -189,14 +177,12 @@ class StudySession(DriveSession):
             ]
         self._out.send("step", **of)
 
-    def _condition(self, step: Step) -> Any:
-        (found,) = (c for c in self._of().protocol.conditions if c.name == step.condition)
-        return found
-
-    def _task(self, step: Step) -> Any:
+    def _settings_of(self, step: Step) -> tuple[Task, Condition]:
+        """The task and the condition of a drive."""
         protocol = self._of().protocol
-        (found,) = (t for t in (*protocol.practice, *protocol.tasks) if t.name == step.task)
-        return found
+        (task,) = (t for t in (*protocol.practice, *protocol.tasks) if t.name == step.task)
+        (condition,) = (c for c in protocol.conditions if c.name == step.condition)
+        return task, condition
 
     def on_participant(self, message: Message) -> None:
         """Begin a participant's session, or go on with it where the page has confirmed that."""
@@ -241,20 +227,21 @@ class StudySession(DriveSession):
 
     def on_begin(self, message: Message) -> None:
         """Begin the drive that is due."""
-        if self._of().save():  # which the disk had no room for
+        session = self._of()
+        if session.save():  # which the disk had no room for
             self._send_step()
             return
-        step = self._drive_due()
+        step = session.due("drive")
         if not self._device:
             raise InputError("begin: expected a device first")
         self._end()
-        task, condition = self._task(step), self._condition(step)
+        task, condition = self._settings_of(step)
         env = episode_env(task.scene, {"pose_source": "modelled", "config": PATIENCE})
         place = Place("study", label(task.scene), without_labels(task.scene), env, timed=True)
         hand: Any = NO_HAND
         if condition.hand != Hand():
             hand = {"name": "expert", "hand": dump(condition.hand)}
-        file, seed = self._of().recording(step), self._of().world(step)
+        file, seed = session.recording(step), session.world(step)
         sight = NO_SIGHT if condition.perception == Perception() else condition.perception
         order = Order("", place, seed, condition.assist, hand, RATE, file, sight)
         self._why = CUT_OFF

@@ -34,7 +34,7 @@ class Track:
         self._last: dict[str, float] = {}  # s: when each kind of event was last on
         self._stick: Any = None  # that the latest action answers
         self._world: dict[str, Any] = {}
-        self._contact, self._minimum, self._figures = False, np.inf, dict[str, Any]()
+        self._minimum, self._figures = np.inf, dict[str, Any]()
 
     def __call__(self, env: Any) -> bool:
         """Add a state; true: the episode is to end."""
@@ -59,7 +59,6 @@ class Track:
         clearance = float(truth.clearance)
         self._states.append([time, *truth.pose, *truth.twist, *given, *stick, clearance])
         self._actors.append(np.round(truth.actor_poses, 3))
-        self._contact |= bool(truth.contact)
         self._minimum = min(self._minimum, clearance)
         self._figures = {
             "time": time, "length": float(truth.distance), "energy": float(truth.energy),
