@@ -5,6 +5,7 @@ import errno
 import itertools
 import json
 from collections import Counter
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -147,24 +148,25 @@ def test_a_line_that_was_edited_is_named_and_refused(tmp_path, capsys, change):
         Session(tmp_path, plan, 7)
 
 
-def test_a_full_disk_loses_nothing(tmp_path, monkeypatch):
+def full_disk():
+    return patch("os.fsync", side_effect=OSError(errno.ENOSPC, "full"))
+
+
+def test_a_full_disk_loses_nothing(tmp_path):
     """What could not be written is refused, or is written later; the chain stays whole."""
     plan = protocol(1, 1)
     session = Session(tmp_path, plan, 1)
     session.consent()
     session.start()
-    with monkeypatch.context() as full:
-        full.setattr("os.fsync", lambda _: (_ for _ in ()).throw(OSError(errno.ENOSPC, "full")))
+    with full_disk():
         with pytest.raises(InputError, match=r"steps.jsonl: cannot be written \(full\)"):
             session.end("success", figures(time=17.0))
         with pytest.raises(InputError, match="cannot be written"):
             session.mark("note", text="later")
     assert session.save()
     assert session.next().kind == "answers"
-    with monkeypatch.context() as full:
-        full.setattr("os.fsync", lambda _: (_ for _ in ()).throw(OSError(errno.ENOSPC, "full")))
-        with pytest.raises(InputError, match="cannot be written"):
-            session.answer(session.next(), [50] * 6)
+    with full_disk(), pytest.raises(InputError, match="cannot be written"):
+        session.answer(session.next(), [50] * 6)
     session.answer(session.next(), [50] * 6)
     session.close()
     (one,) = read_folder(tmp_path)[1]

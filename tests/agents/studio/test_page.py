@@ -50,6 +50,16 @@ def begin(page):
     until(page, WAITS)
 
 
+@pytest.fixture
+def page(opened):
+    return opened[1]
+
+
+@pytest.fixture
+def begun(page):
+    begin(page)
+
+
 @pytest.mark.parametrize("place", ["map", "twin:map"])
 def test_keys_drive_to_the_goal_and_the_drive_is_judged_the_same(opened, capsys, place):
     served, page = opened
@@ -71,9 +81,7 @@ def test_keys_drive_to_the_goal_and_the_drive_is_judged_the_same(opened, capsys,
 
 
 @pytest.mark.long
-def test_a_drive_is_filmed(opened):
-    _, page = opened
-    begin(page)
+def test_a_drive_is_filmed(page, begun):
     page.keyboard.down("ArrowLeft")
     page.wait_for_timeout(500)
     page.keyboard.up("ArrowLeft")
@@ -86,9 +94,7 @@ def test_a_drive_is_filmed(opened):
     assert loading.value.path().stat().st_size > 1000
 
 
-def test_what_compiles_while_one_waits_is_told(opened):
-    _, page = opened
-    begin(page)
+def test_what_compiles_while_one_waits_is_told(page, begun):
     state = "{ready: true, kernel: 'scan_laser', kernels: 7}"
     page.evaluate(f"studio.prepared({state})")
     assert "scan_laser" not in page.inner_text("#banner")
@@ -98,18 +104,14 @@ def test_what_compiles_while_one_waits_is_told(opened):
     assert "scan_laser" not in page.inner_text("#banner")
 
 
-def test_a_drive_can_be_ended_before_it_begins(opened):
-    _, page = opened
-    begin(page)
+def test_a_drive_can_be_ended_before_it_begins(page, begun):
     page.click("#stop")
     until(page, "!studio.running")
     assert page.is_disabled("#stop")
     begin(page)
 
 
-def test_touch_drives_and_stops(opened):
-    _, page = opened
-    begin(page)
+def test_touch_drives_and_stops(page, begun):
     page.click("#device", trial=True)  # in view
     box = page.locator("#stick").bounding_box()
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
@@ -121,9 +123,7 @@ def test_touch_drives_and_stops(opened):
     until(page, "Math.abs(studio.now.twist[0]) < 0.02")
 
 
-def test_a_gamepad_drives(opened):
-    _, page = opened
-    begin(page)
+def test_a_gamepad_drives(page, begun):
     page.evaluate("window.pushed = 0.05")  # a stick that rests off its centre
     page.wait_for_timeout(200)
     assert page.evaluate(WAITS)
@@ -134,9 +134,7 @@ def test_a_gamepad_drives(opened):
     until(page, "!studio.running")
 
 
-def test_a_single_switch_drives_and_stops(opened):
-    _, page = opened
-    begin(page)
+def test_a_single_switch_drives_and_stops(page, begun):
     page.select_option("#device", "switch")
     page.fill("#period", "0.5")
     page.focus("#map")
@@ -179,9 +177,7 @@ AROUND = """[-2.6, -1.5, -0.3, 0.3, 1.5, 2.6].map(side => {  // at 0.8 m around 
 })"""
 
 
-def test_what_a_simulated_person_does_not_see_is_covered(opened):
-    _, page = opened
-    begin(page)
+def test_what_a_simulated_person_does_not_see_is_covered(page, begun):
     covered = lambda: [one == veil for one in page.evaluate(f"({AT})({AROUND})")]  # noqa: E731
     veil = page.evaluate("studio.view.colour.veil")
     assert not any(covered())
@@ -206,8 +202,7 @@ def test_what_a_simulated_person_does_not_see_is_covered(opened):
 
 
 @pytest.mark.parametrize("mode", ["light", "dark", "contrast"])
-def test_walls_are_filled_and_the_floor_is_free_in_the_colours_of_the_theme(opened, mode):
-    _, page = opened
+def test_walls_are_filled_and_the_floor_is_free_in_the_colours_of_the_theme(page, mode):
     page.emulate_media(color_scheme="light" if mode == "light" else "dark")
     page.evaluate("document.getElementById('looks').open = true")
     page.set_checked("#contrast", mode == "contrast")
@@ -231,9 +226,7 @@ def swipe(page, *ways):
     touch.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
 
 
-def test_the_map_is_dragged_zoomed_and_turned_and_one_finger_scrolls(opened):
-    _, page = opened
-    begin(page)
+def test_the_map_is_dragged_zoomed_and_turned_and_one_finger_scrolls(page, begun):
     view = lambda: page.evaluate("[studio.view.zoom, ...studio.view.shift]")  # noqa: E731
     at = lambda x, y: page.evaluate(f"studio.view.place({{clientX: {x}, clientY: {y}}})")  # noqa: E731
     box = page.locator("#map").bounding_box()
@@ -270,8 +263,7 @@ def test_the_map_is_dragged_zoomed_and_turned_and_one_finger_scrolls(opened):
 @pytest.mark.parametrize("name", ["drive", "plan"])
 @pytest.mark.parametrize("language", ["en", "es"])
 @pytest.mark.parametrize("contrast", [False, True])
-def test_a_page_is_accessible(opened, language, contrast, name):
-    _, page = opened
+def test_a_page_is_accessible(page, language, contrast, name):
     tab(page, name)
     page.evaluate("document.getElementById('looks').open = true")
     page.select_option("#language", language)
@@ -302,8 +294,7 @@ CRAMPED = """() => {
 
 @pytest.mark.parametrize("width", [390, 820, 1280])
 @pytest.mark.parametrize("name", ["drive", "plan", "compare"])
-def test_no_control_is_covered_too_small_or_cut_off_on_any_screen(opened, width, name):
-    _, page = opened
+def test_no_control_is_covered_too_small_or_cut_off_on_any_screen(page, width, name):
     tab(page, name)
     page.set_viewport_size({"width": width, "height": 900})
     page.evaluate("document.getElementById('looks').open = false")
@@ -317,8 +308,7 @@ def test_no_control_is_covered_too_small_or_cut_off_on_any_screen(opened, width,
     tab(page, "drive")
 
 
-def test_stick_map_and_message_are_on_one_screen_and_errors_wherever_one_has_scrolled(opened):
-    _, page = opened
+def test_stick_map_and_message_are_on_one_screen_and_errors_wherever_one_has_scrolled(page):
     for width, height in SCREENS:
         page.set_viewport_size({"width": width, "height": height})
         begin(page)
@@ -335,8 +325,7 @@ def test_stick_map_and_message_are_on_one_screen_and_errors_wherever_one_has_scr
     page.set_viewport_size({"width": 1280, "height": 900})
 
 
-def test_a_chair_that_may_not_back_says_so(opened):
-    _, page = opened
+def test_a_chair_that_may_not_back_says_so(page):
     page.select_option("#assist", "shared_dwa")
     begin(page)
     page.keyboard.down("ArrowDown")
@@ -347,8 +336,7 @@ def test_a_chair_that_may_not_back_says_so(opened):
     page.select_option("#assist", "direct")
 
 
-def test_keys_alone_reach_everything(opened):
-    _, page = opened
+def test_keys_alone_reach_everything(page):
     page.focus("body")
     page.evaluate("document.activeElement.blur()")
     reached = set()
@@ -363,8 +351,7 @@ def test_keys_alone_reach_everything(opened):
     assert "map" in reached
 
 
-def test_a_lost_connection_is_told(opened):
-    _, page = opened
+def test_a_lost_connection_is_told(page):
     page.evaluate("studio.link.socket.close()")
     until(page, "!document.getElementById('lost').hidden")
     page.click("#again")
@@ -455,8 +442,7 @@ def test_people_draw_plan_watch_and_save(opened):
     assert page.inner_text("#error") == ""
 
 
-def test_two_drives_are_compared(opened):
-    _, page = opened
+def test_two_drives_are_compared(page):
     tab(page, "compare")
     until(page, "studio.sources && !document.getElementById('go').disabled")
     page.select_option("#place", "scene:doorway")

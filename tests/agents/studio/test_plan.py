@@ -17,7 +17,7 @@ from agents.studio.plan_session import PlanSession
 from agents.studio.planning import answer, frames_of, problem_of
 from planners.problem_files import read_problems
 from tests.agents.studio.served import START, messages, send, serving
-from tests.conftest import PATIENCE
+from tests.agents.studio.test_server import get
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, read_map, write_map
 
@@ -123,18 +123,12 @@ def served(tmp_path_factory):
 
 def post(served, name, content, **headers):
     """The status of an upload."""
-    import http.client
-
-    line = http.client.HTTPConnection("127.0.0.1", served.port, timeout=PATIENCE)
     headers = {"Origin": f"http://{served.host}"} | headers
     path = f"/maps/{name}?token={served.studio.access.token}"
     try:
-        line.request("POST", path, content, headers)
-        return line.getresponse().status
+        return get(served, path, "POST", content, **headers)[0]
     except (BrokenPipeError, ConnectionResetError):  # it does not read the rest
         return 413
-    finally:
-        line.close()
 
 
 def test_uploads_are_maps_of_a_bare_name_and_a_limited_size(served, tmp_path):

@@ -36,7 +36,7 @@ def patient(monkeypatch):
     monkeypatch.setattr(session, "DEAD_MAN", PATIENCE)
 
 
-def get(served, path, method="GET", content="", **headers):
+def get(served, path, method="GET", content=b"", **headers):
     """Status, headers and body of an answer."""
     line = http.client.HTTPConnection("127.0.0.1", served.port, timeout=PATIENCE)
     headers = {name.replace("_", "-"): value for name, value in headers.items()}
@@ -45,7 +45,7 @@ def get(served, path, method="GET", content="", **headers):
         line.putheader(name, value)
     if content:
         line.putheader("Content-Length", str(len(content)))
-    line.endheaders(content.encode())
+    line.endheaders(content)
     answer = line.getresponse()
     body = answer.read()
     line.close()

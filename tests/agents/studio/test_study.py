@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import csv
-import errno
 import json
 import math
 import subprocess
 import sys
 import threading
-from types import SimpleNamespace
+from contextlib import contextmanager
 from urllib.parse import urlencode
 
 import pytest
@@ -24,6 +23,7 @@ from agents.people.session import Session
 from agents.studio.experimenter import Desk
 from agents.studio.messages import read_message
 from agents.studio.study import PATIENCE, STUDY_FIELDS, StudySession
+from tests.agents.people.test_participants import figures, full_disk, protocol
 from tests.agents.studio.served import (
     SCREENS,
     axe,
@@ -71,11 +71,25 @@ def opened(tmp_path_factory):
         yield served, page
 
 
+def begin(page):
+    """Begin a drive, which waits for the first move."""
+    page.click("#go")
+    until(page, "studio.running && studio.now?.waits")
+
+
+def enter(page, number):
+    """Load the page anew, and enter a number."""
+    page.evaluate("sessionStorage.clear()")
+    page.reload()
+    until(page, "window.studio?.ready && studio.title")
+    page.fill("#number", f"{number}")
+    page.keyboard.press("Enter")
+
+
 def drive(page):
     """Begin a drive and hold a key until it has ended."""
     page.evaluate("studio.now = studio.result = null")
-    page.click("#go")
-    until(page, "studio.running && studio.now?.waits")
+    begin(page)
     page.keyboard.down("ArrowUp")
     until(page, "!studio.running")
     page.keyboard.up("ArrowUp")
@@ -102,8 +116,7 @@ def test_a_participant_goes_from_consent_to_the_data(opened, capsys):
         )
         assert "Drive to the circle." in page.inner_text(".panel")
         if condition == 0:  # ended too early, and driven again
-            page.click("#go")
-            until(page, "studio.running && studio.now?.waits")
+            begin(page)
             for width, height in SCREENS:
                 page.set_viewport_size({"width": width, "height": height})
                 page.evaluate("studio.on.stick.hidden = false; studio.begin(studio.world)")
@@ -161,10 +174,7 @@ def test_a_participant_goes_from_consent_to_the_data(opened, capsys):
 @pytest.mark.long
 def test_the_device_is_chosen_before_a_drive_and_stays(opened):
     served, page = opened
-    page.reload()
-    until(page, "window.studio?.ready && studio.title")
-    page.fill("#number", "5")
-    page.keyboard.press("Enter")
+    enter(page, 5)
     page.check("#agreed")
     page.click("#go")
     until(page, "document.querySelector('#go[data-t=begin_drive]')")
@@ -174,8 +184,7 @@ def test_the_device_is_chosen_before_a_drive_and_stays(opened):
     page.select_option("#device", "switch")
     page.fill("#period", "0.5")
     axe(page)
-    page.click("#go")
-    until(page, "studio.running && studio.now?.waits")
+    begin(page)
     assert not page.is_visible("#device")
     assert not page.is_visible("#stick")
     page.keyboard.down("ArrowUp")  # no key drives
@@ -187,8 +196,7 @@ def test_the_device_is_chosen_before_a_drive_and_stays(opened):
     until(page, "document.querySelector('#go[data-t=begin_drive]')")
     page.select_option("#device", "touch")
     assert not page.is_visible("#period")
-    page.click("#go")
-    until(page, "studio.running && studio.now?.waits")
+    begin(page)
     assert page.is_visible("#stick")
     page.keyboard.press("ArrowUp")
     assert page.evaluate("studio.now.waits")
@@ -216,6 +224,17 @@ def of(served, number):
     """The progress of a participant, by the records."""
     (found,) = (one for one in read_folder(served.studio.folder)[1] if one.participant == number)
     return found
+
+
+@contextmanager
+def agreed(served, number):
+    """A page's socket, on which a participant has agreed, and the step that is due."""
+    with served.socket("study") as socket:
+        assert messages(socket, "study")["blind"]
+        send(socket, "participant", number=number, resume=False)
+        messages(socket, "step")
+        send(socket, "consent", step=1)
+        yield socket, messages(socket, "step")
 
 
 def joined(socket, number):
@@ -247,11 +266,7 @@ def test_steps_that_are_not_due_are_refused(opened):
 
 def test_a_page_that_is_closed_in_a_drive_leaves_the_step_open(opened):
     served, _ = opened
-    with served.socket("study") as socket:
-        send(socket, "participant", number=9, resume=False)
-        messages(socket, "step")
-        send(socket, "consent", step=1)
-        messages(socket, "step")
+    with agreed(served, 9) as (socket, _):
         send(socket, "begin")
         assert "expected a device first" in messages(socket, "error")["text"]
         send(socket, "device", name="gamepad", scan_period=1.0)
@@ -279,12 +294,7 @@ def test_a_page_that_is_closed_in_a_drive_leaves_the_step_open(opened):
 
 def test_nothing_that_a_page_gets_names_the_condition_or_what_it_does(opened):
     served, _ = opened
-    with served.socket("study") as socket:
-        assert messages(socket, "study")["blind"]
-        send(socket, "participant", number=21, resume=False)
-        messages(socket, "step")
-        send(socket, "consent", step=1)
-        step = messages(socket, "step")
+    with agreed(served, 21) as (socket, step):
         send(socket, "device", name="touch", scan_period=1.0)
         send(socket, "begin")
         world = messages(socket, "world")
@@ -298,11 +308,8 @@ def test_nothing_that_a_page_gets_names_the_condition_or_what_it_does(opened):
 
 def test_a_second_tab_and_a_mistyped_number_are_told(opened):
     served, _ = opened
-    with served.socket("study") as first, served.socket("study") as second:
-        send(first, "participant", number=22, resume=False)
-        messages(first, "step")
-        send(first, "consent", step=1)
-        assert messages(first, "step")["task"] == "hall"
+    with agreed(served, 22) as (first, step), served.socket("study") as second:
+        assert step["task"] == "hall"
         send(second, "participant", number=22, resume=False)
         known = messages(second, "known")
         assert (known["done"], known["steps"]) == (1, 9)
@@ -340,7 +347,7 @@ def test_the_experimenter_sees_everybody_remarks_and_aborts(opened):
     cookie = {"Cookie": headers["set-cookie"].split(";")[0], "Origin": f"http://{served.host}"}
 
     def post(**form):
-        return get(served, "/experimenter", "POST", urlencode(form), **cookie)
+        return get(served, "/experimenter", "POST", urlencode(form).encode(), **cookie)
 
     with served.socket("study") as socket:
         send(socket, "participant", number=23, resume=False)
@@ -377,7 +384,7 @@ def until_left(served, number):
 
 def test_a_killed_program_leaves_the_attempt_and_frees_the_number(tmp_path):
     """Killed in mid-drive, without any time to write."""
-    plan = Protocol("Rooms", "Yes.", (Condition("help"),), (Task("room"),), nasa_tlx=False)
+    plan = protocol(1, 1)
     session = Session(tmp_path, plan, 4)
     session.consent()
     session.start("drive.mcap", "touch")
@@ -395,7 +402,7 @@ def test_a_killed_program_leaves_the_attempt_and_frees_the_number(tmp_path):
     session = Session(tmp_path, plan, 4)
     (attempt,) = session.progress.attempts
     assert (attempt["outcome"], attempt["recording"]) == (CUT_OFF, "drive.mcap")
-    assert session.next().key == "help/room"
+    assert session.next().key == "help 0/task 0"
     session.close()
 
 
@@ -502,19 +509,14 @@ def test_answers_stay_in_the_page_until_they_are_stored(opened, cut):
     session = Session(served.studio.folder, served.studio.desk.protocol, number)
     session.consent()
     for _ in range(2):
-        session.drive(session.next(), lambda _: {"outcome": "success", "success": True})
+        session.drive(session.next(), lambda _: figures())
     session.close()
-    page.evaluate("sessionStorage.clear()")
-    page.reload()
-    until(page, "window.studio?.ready && studio.title")
-    page.fill("#number", f"{number}")
-    page.keyboard.press("Enter")
+    enter(page, number)
     page.click("#yes")
     until(page, "document.querySelectorAll('.panel fieldset').length == 6")
     for k in range(6):
         page.locator(f"input[name=q{k}]").nth(k).check()
-    with pytest.MonkeyPatch.context() as full:
-        full.setattr("os.fsync", raise_full)
+    with full_disk():
         page.click("#go")
         until(page, "document.getElementById('error').textContent.includes('cannot be written')")
     assert page.is_visible("#error")
@@ -540,26 +542,16 @@ def test_answers_stay_in_the_page_until_they_are_stored(opened, cut):
     assert of(served, number).state == State.WITHDRAWN
 
 
-def raise_full(_):
-    raise OSError(errno.ENOSPC, "No space left on device")
-
-
 def test_the_environment_of_a_task_is_set_in_its_scene(tmp_path):
     """As in a suite of `wheelchair compare`; the rest is the same for all."""
     scene = {"name": "empty", "env": {"pose_source": "truth", "beams": 64}}
     plan, ordered = Protocol("Rooms", "Yes.", (Condition("help"),), (Task("room", scene),)), []
-
-    class Asked(StudySession):
-        def _begin_when_ready(self, order):
-            ordered.append(order)
-
-    box = SimpleNamespace(send=lambda *_, **__: None)
-    session = Asked(Desk(tmp_path, plan), box, threading.Event())
-    session.on_participant({"number": 1, "resume": False})
-    session.on_consent({"step": 1})
-    session.on_device({"name": "keyboard", "scan_period": 1.0})
-    session.on_begin({})
-    session.close()
+    page = Scripted(Desk(tmp_path, plan), 1)
+    page._begin_when_ready = ordered.append
+    page.tell("consent", step=1)
+    page.tell("device", name="keyboard", scan_period=1.0)
+    page.tell("begin")
+    page._leave()
     (order,) = ordered
     assert order.place.scene == {"name": "empty"}
     assert order.place.env == {"pose_source": "truth", "beams": 64, "config": PATIENCE}
