@@ -7,7 +7,8 @@ from pathlib import Path
 
 from agents.cli.arguments import report
 from agents.evaluation.tables import columns_of, count, make_table
-from agents.people.folder import delete, read_folder
+from agents.people.folder import delete
+from agents.people.session import read_folder
 from wheelchair_gym.base.settings import InputError
 
 

@@ -14,8 +14,8 @@ from agents.evaluation.report import COLUMN_OF
 from agents.evaluation.tables import Column, csv_table
 from agents.people.chain import Record
 from agents.people.folder import ATTEMPTS, DATA, DICTIONARY, WIDE
-from agents.people.progress import Progress
 from agents.people.protocol import NASA_TLX, Protocol
+from agents.people.session import Progress
 
 TOTAL = "total"  # of NASA-TLX: the mean of its scales
 _DEFINED = read_data("tables.yaml")["participants"]  # by table: column: unit and definition

@@ -15,8 +15,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from agents.evaluation.provenance import now, write_json
-from agents.people.chain import Chain, read_chain
-from agents.people.progress import Progress
+from agents.people.chain import Chain
 from agents.people.protocol import Protocol
 from wheelchair_gym.base.settings import InputError, dump, load, read_json
 
@@ -104,30 +103,6 @@ def folder_of(folder: Path, participant: int) -> Path:
     if (tombstone := folder / TOMBSTONE.format(participant)).exists():
         raise InputError(f"participant {participant} was deleted ({tombstone}); use another number")
     return folder / f"participant_{participant:04d}"
-
-
-def progress_of(folder: Path, protocol: Protocol, participant: int) -> Progress:
-    """Read how far a participant is.
-
-    Raises:
-        InputError: the number is none or was deleted, or the records are damaged.
-    """
-    path = folder_of(folder, participant) / STEPS
-    records = read_chain(path)[0] if path.exists() else []
-    return Progress(protocol, participant, records)
-
-
-def read_folder(folder: str | Path) -> tuple[Protocol, list[Progress]]:
-    """Read the protocol of an experiment and the records of all its participants.
-
-    Raises:
-        InputError: it is no folder of an experiment, or a file in it is damaged.
-    """
-    folder = Path(folder)
-    protocol = current_protocol(folder)
-    stores = sorted(folder.glob(f"participant_{4 * '[0-9]'}/{STEPS}"))
-    people = [progress_of(folder, protocol, int(path.parent.name[-4:])) for path in stores]
-    return protocol, [one for one in people if one.last]
 
 
 def delete(folder: Path, participant: int) -> int:

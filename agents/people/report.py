@@ -18,9 +18,9 @@ from agents.evaluation.report import COLUMN_OF, LEVEL
 from agents.evaluation.statistics import effect_size, holm, median_interval, wilcoxon_p
 from agents.evaluation.tables import Table, columns_of, make_table, write_page
 from agents.people.export import TOTAL, export
-from agents.people.folder import DATA, PAGE, read_folder
-from agents.people.progress import State
+from agents.people.folder import DATA, PAGE
 from agents.people.protocol import NASA_TLX, Protocol
+from agents.people.session import State, read_folder
 from wheelchair_gym.base.settings import InputError
 
 # Keys of the measures of drives in the tables, in order.

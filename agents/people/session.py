@@ -1,7 +1,8 @@
 """Session of a participant: the steps of a protocol, each one or more records of a chain.
 
-Participants have numbers and no names. No record is written again: after an interruption, a
-participant goes on with the first step that is not done. Every attempt at a drive is kept.
+`Session` writes the records, and `Progress` reads from them how far a participant is. Participants
+have numbers and no names. No record is written again: after an interruption, a participant goes on
+with the first step that is not done. Every attempt at a drive is kept.
 """
 
 from __future__ import annotations
@@ -10,19 +11,145 @@ import re
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from enum import StrEnum
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from agents.evaluation.provenance import commit, now
 from agents.evaluation.tables import exists
-from agents.people.chain import Chain
-from agents.people.folder import STEPS, claim, folder_of
-from agents.people.progress import CUT_OFF, Progress
+from agents.people.chain import Chain, Record, read_chain
+from agents.people.folder import STEPS, claim, current_protocol, folder_of
 from agents.people.protocol import Protocol, Step
 from wheelchair_gym.base.errors import shorten
 from wheelchair_gym.base.settings import InputError
+
+GIVEN_UP, CUT_OFF, ABORTED = "given_up", "cut_off", "aborted"  # outcomes beside `outcome_of`'s
+_INTERRUPTED: Final = (CUT_OFF, ABORTED)  # not by the participant: the drive is still due
+
+
+class State(StrEnum):
+    """State of a participant's session."""
+
+    NEW = "not begun"
+    UNDER_WAY = "under way"
+    PAUSED = "paused"
+    FINISHED = "finished"
+    STOPPED = "stopped by a rule"
+    WITHDRAWN = "withdrawn"
+
+
+OVER: Final = (State.FINISHED, State.STOPPED, State.WITHDRAWN)
+
+
+class Progress:
+    """Progress of a participant, by the records of their chain.
+
+    Attributes:
+        state: of the session.
+        done: the record that completed each step, by its key.
+        attempts: every drive that was begun: its record `started`, and from its end `outcome`,
+            `end`, `figures` and whether it `counts`.
+        last: time of the last record, as text; empty without any.
+    """
+
+    def __init__(self, protocol: Protocol, participant: int, records: Sequence[Record]) -> None:
+        self.protocol, self.participant = protocol, participant
+        self.steps = list(protocol.steps(participant))
+        self.state, self.last = State.NEW, ""
+        self.done: dict[str, Record] = {}
+        self.attempts: list[Record] = []
+        self.remarks: list[Record] = []  # notes and adverse events
+        self.records = len(records)
+        self._software: Record = {}
+        for record in records:
+            self.take(record)
+
+    def take(self, record: Record) -> None:
+        """Take the next record."""
+        kind, self.last = record["kind"], record["at"]
+        if kind == "opened":
+            self._software = {key: record[key] for key in ("version", "commit", "protocol")}
+        elif kind in ("consent", "answers"):
+            self.done[record["key"]] = record
+        elif kind == "started":
+            begun = {"start": record["at"], "outcome": "", "counts": False}
+            self.attempts.append(record | self._software | begun)
+        elif kind == "ended":
+            self._end(record)
+        elif kind in ("note", "adverse_event"):
+            self.remarks.append(record)
+        states = {
+            "consent": State.UNDER_WAY, "paused": State.PAUSED, "resumed": State.UNDER_WAY,
+            "stopped": State.STOPPED, "withdrawn": State.WITHDRAWN,
+        }  # fmt: skip
+        if self.state not in OVER:
+            self.state = states.get(kind, self.state)
+            if all(step.key in self.done for step in self.steps):
+                self.state = State.FINISHED
+
+    def _end(self, record: Record) -> None:
+        attempt, key, outcome = self.attempts[-1], record["key"], record["outcome"]
+        attempt |= {"end": record["end"], "outcome": outcome, "figures": record["figures"]}
+        mine = [one["outcome"] for one in self.attempts if one["key"] == key]
+        tries = sum(one not in _INTERRUPTED for one in mine)
+        protocol = self.protocol
+        if attempt["practice"]:
+            met = protocol.practice_until == "driven" or outcome == "success"
+            over = (met and outcome != GIVEN_UP) or tries >= protocol.practice_tries
+        else:
+            over = outcome != GIVEN_UP or tries >= protocol.tries
+        attempt["counts"] = over and outcome not in _INTERRUPTED
+        if attempt["counts"]:
+            self.done[key] = attempt
+
+    def row(self) -> Record:
+        """Return the progress as a row of a table."""
+        return {
+            "participant": self.participant,
+            "group": self.protocol.group_of(self.participant).name,
+            "state": self.state.value, "done": len(self.done), "steps": len(self.steps),
+            "attempts": len(self.attempts), "remarks": len(self.remarks), "last": self.last,
+        }  # fmt: skip
+
+    def next(self) -> Step | None:
+        """Return the first step that is not done; None where the session is over."""
+        if self.state in OVER:
+            return None
+        return next((step for step in self.steps if step.key not in self.done), None)
+
+    def rule(self) -> str:
+        """Return the stop rule that the drives so far fulfil; empty: none."""
+        contacts = sum(one["outcome"] == "collision" for one in self.attempts)
+        seconds = sum(one.get("figures", {}).get("time") or 0.0 for one in self.attempts)
+        limits = {"max_contacts": contacts, "max_minutes": seconds / 60.0}
+        reached = (name for name, n in limits.items() if 0 < getattr(self.protocol, name) <= n)
+        return next(reached, "")
+
+
+def progress_of(folder: Path, protocol: Protocol, participant: int) -> Progress:
+    """Read how far a participant is.
+
+    Raises:
+        InputError: the number is none or was deleted, or the records are damaged.
+    """
+    path = folder_of(folder, participant) / STEPS
+    records = read_chain(path)[0] if path.exists() else []
+    return Progress(protocol, participant, records)
+
+
+def read_folder(folder: str | Path) -> tuple[Protocol, list[Progress]]:
+    """Read the protocol of an experiment and the records of all its participants.
+
+    Raises:
+        InputError: it is no folder of an experiment, or a file in it is damaged.
+    """
+    folder = Path(folder)
+    protocol = current_protocol(folder)
+    stores = sorted(folder.glob(f"participant_{4 * '[0-9]'}/{STEPS}"))
+    people = [progress_of(folder, protocol, int(path.parent.name[-4:])) for path in stores]
+    return protocol, [one for one in people if one.last]
 
 
 class Session:

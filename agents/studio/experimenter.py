@@ -6,6 +6,7 @@ It has a token of its own, which opens nothing else; the participants' token doe
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any, Final
 from urllib.parse import parse_qs
@@ -14,9 +15,9 @@ from starlette.responses import FileResponse, HTMLResponse, RedirectResponse
 from starlette.routing import Route
 
 from agents.evaluation.tables import templates
-from agents.people.folder import claim, progress_of, read_folder
+from agents.people.folder import claim
 from agents.people.protocol import Protocol
-from agents.people.session import Session
+from agents.people.session import Session, progress_of, read_folder
 from agents.studio import PAGE
 from wheelchair_gym.base.settings import InputError
 
@@ -60,11 +61,8 @@ class Desk:
             return
         if not progress_of(self.folder, self.protocol, number).last:
             raise InputError(f"participant {number} has not begun")
-        session = Session(self.folder, self.protocol, number)
-        try:
+        with closing(Session(self.folder, self.protocol, number)) as session:
             session.mark(action, text=text)
-        finally:
-            session.close()
 
     def page(self, error: str = "") -> str:
         """Return the page as HTML."""
@@ -85,7 +83,8 @@ class Desk:
             form = parse_qs((await body(request, _LONGEST)).decode("utf-8", "replace"))
             number, action, text = (form.get(key, [""])[0] for key in ("number", "action", "text"))
             try:
-                self.act(int(number) if number.isdecimal() else 0, action, text)
+                # Python reads no numbers of thousands of digits; five are too many already.
+                self.act(int(number[:5]) if number.isdecimal() else 0, action, text)
             except InputError as error:
                 return HTMLResponse(self.page(str(error)), 400)
             return RedirectResponse(HOME, 303)

@@ -12,10 +12,9 @@ import numpy as np
 from agents.evaluation.assisted import StickTrace
 from agents.evaluation.evaluate import episode_env, label, without_labels
 from agents.evaluation.metrics import Record, Trace, measure
-from agents.people.folder import LARGEST, progress_of
-from agents.people.progress import ABORTED, CUT_OFF, GIVEN_UP, OVER, State
+from agents.people.folder import LARGEST
 from agents.people.protocol import DEVICES, MIN_SCAN, Condition, Step, Task
-from agents.people.session import Session
+from agents.people.session import ABORTED, CUT_OFF, GIVEN_UP, OVER, Session, State, progress_of
 from agents.studio.catalogue import NO_HAND, NO_SIGHT, Place
 from agents.studio.drive import Drive, Order
 from agents.studio.experimenter import Desk

@@ -16,11 +16,9 @@ from agents.evaluation.statistics import effect_size
 from agents.evaluation.tables import csv_table
 from agents.people.chain import read_chain
 from agents.people.export import COLUMNS, tidy
-from agents.people.folder import read_folder
-from agents.people.progress import ABORTED, CUT_OFF, GIVEN_UP, State
 from agents.people.protocol import NASA_TLX, Condition, Group, Protocol, Questionnaire, Task
 from agents.people.report import tables, write_report
-from agents.people.session import Session
+from agents.people.session import ABORTED, CUT_OFF, GIVEN_UP, Session, State, read_folder
 from tests.conftest import ROOT, refusal
 from wheelchair_gym.base.settings import InputError, dump, load, read
 
@@ -120,11 +118,6 @@ def test_a_session_goes_on_where_it_ended_and_nothing_is_written_twice(tmp_path)
     drove = ["opened", "started", "ended"]
     assert kinds == ["opened", "consent", "started", "opened", *drove[::-1][:1], *drove[1:],
                      "cut_line", *drove]  # fmt: skip
-
-
-def test_a_number_that_was_only_typed_leaves_no_records(tmp_path):
-    Session(tmp_path, protocol(), 33).close()
-    assert read_folder(tmp_path)[1] == []
 
 
 @pytest.mark.parametrize("change", [
@@ -447,7 +440,7 @@ def test_practice_is_not_evaluated(tmp_path):
 
 def test_the_command_tells_what_is_missing_in_one_line(tmp_path, capsys):
     refusal(["report", tmp_path], capsys)
-    Session(tmp_path, protocol(), 1).close()
+    Session(tmp_path, protocol(), 1).close()  # a number that was only typed leaves no records
     assert "has no participants yet" in refusal(["report", tmp_path], capsys)
     take_part(tmp_path, protocol(), 1, lambda _: figures())
     assert main(["report", str(tmp_path)]) == 0
