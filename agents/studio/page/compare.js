@@ -17,6 +17,7 @@ export class ComparePage {
     this.tracks = {};
     this.views = Object.fromEntries(SIDES.map(name => [name, new View(this.on[`map-${name}`], () => this.draw(name))]));
     this.listen();
+    this.show();
     this.link = new Link("compare", {
       choices: message => { this.on.place.replaceChildren(...places(message.places)); this.on.place.value = message.first; },
       sources: message => this.choose(message), run: message => this.chosen(message), track: message => this.take(message),

@@ -260,7 +260,7 @@ def test_the_map_is_dragged_zoomed_and_turned_and_one_finger_scrolls(page, begun
     page.click("#fit")
 
 
-@pytest.mark.parametrize("name", ["drive", "plan"])
+@pytest.mark.parametrize("name", ["drive", "plan", "compare"])
 @pytest.mark.parametrize("language", ["en", "es"])
 @pytest.mark.parametrize("contrast", [False, True])
 def test_a_page_is_accessible(page, language, contrast, name):
