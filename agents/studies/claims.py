@@ -67,12 +67,6 @@ def fit_reading(r: Results, reading: str, strata: Sequence[str] = (), without: s
     return fit(*ratios_of(r, reading, strata, without).T)
 
 
-def _bootstrap(columns: Array) -> list[Fit]:
-    """Fits of rows that are drawn with replacement; one seed."""
-    rng, n = np.random.default_rng(0), len(columns)
-    return [fit(*columns[rng.integers(n, size=n)].T) for _ in range(_DRAWS)]
-
-
 WITHOUT: Final = "t1-3.7"  # the table of mu, after which its exchange was chosen
 
 
@@ -83,10 +77,12 @@ def agreement(r: Results) -> list[dict[str, Any]]:
     parts = {"odd": maps[::2], "even": maps[1::2]}
     rows = []
     for reading in readings:
-        columns = ratios_of(r, reading)
-        fits = [fit(*columns.T), *_bootstrap(columns)]
+        columns, rng = ratios_of(r, reading), np.random.default_rng(0)
+        n = len(columns)
+        bootstrap = [fit(*columns[rng.integers(n, size=n)].T) for _ in range(_DRAWS)]
+        fits = [fit(*columns.T), *bootstrap]
         figures = np.array([(*one[:3], one.length.value) for one in fits])
-        row: dict[str, Any] = {"reading": reading, "rows": len(columns)}
+        row: dict[str, Any] = {"reading": reading, "rows": n}
         for key, (found, *drawn) in zip(Fit._fields, figures.T.tolist(), strict=False):
             row[key] = found
             row[f"{key}_low"], row[f"{key}_high"] = np.percentile(drawn, [2.5, 97.5]).tolist()
@@ -101,12 +97,6 @@ def residuals(r: Results, reading: str) -> Array:
     """Absolute differences (n,) [m] of the printed lengths from the fit of a reading."""
     found = fit_reading(r, reading)
     return np.abs(found.printed - found.predicted)
-
-
-def correlation_p(found: Fit, minimum: float) -> tuple[float, float]:
-    """P-values of 'the correlation is above', and of 'below' (Fisher's z)."""
-    z = (np.arctanh(found.correlation) - np.arctanh(minimum)) * np.sqrt(len(found.printed) - 3.0)
-    return float(stats.norm.sf(z)), float(stats.norm.cdf(z))
 
 
 _Test = Callable[..., Evidence]
@@ -260,17 +250,19 @@ class Claim:
 
 
 def _follows(claim: Claim, r: Results) -> Evidence:
-    """Evidence for 'the printed lengths follow a reading': their correlation is above `low`."""
+    """Evidence for 'the printed lengths follow a reading': their correlation is above `low`.
+
+    P-values and interval are those of Fisher's z.
+    """
     (reading,), minimum = claim.rows, claim.low or 0.0
     found = fit_reading(r, reading)
-    p_for, p_against = correlation_p(found, minimum)
-    half = 1.96 / np.sqrt(len(found.printed) - 3.0)
-    low, high = np.tanh(np.arctanh(found.correlation) + np.array([-half, half]))
+    error, place = 1.0 / np.sqrt(len(found.printed) - 3.0), np.arctanh(found.correlation)
+    z = (place - np.arctanh(minimum)) / error
+    p_for, p_against = float(stats.norm.sf(z)), float(stats.norm.cdf(z))
+    low, high = np.tanh([place - 1.96 * error, place + 1.96 * error]).tolist()
     text = f"{len(found.printed)} printed lengths and those predicted"
-    return Evidence(
-        p_for, p_against, found.correlation, float(low), float(high), "",
-        f"Pearson's r above {minimum:g}", text,
-    )  # fmt: skip
+    test = f"Pearson's r above {minimum:g}"
+    return Evidence(p_for, p_against, found.correlation, low, high, "", test, text)
 
 
 def _fits_better(claim: Claim, r: Results) -> Evidence:
