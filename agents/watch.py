@@ -43,7 +43,7 @@ class Watch:
         suffix = ".mcap" if self.format == "foxglove" else ""  # a bag is a folder
         return replace(self, record=str(Path(self.record) / f"{name}{suffix}"))
 
-    def on(self, env: Any, film: Each | None = None) -> tuple[Any, Each | None]:
+    def on(self, env: Any, film: Each = lambda env: None) -> tuple[Any, Each]:
         """The recorded environment, and the function to call after reset and each step.
 
         Raises:
@@ -104,7 +104,7 @@ class Watch:
             out.close()
 
 
-def _paced(period: float, film: Each | None) -> Each:
+def _paced(period: float, film: Each) -> Each:
     """Called once a control period [s]: waits for real time, then films."""
     begun, calls = time.perf_counter(), 0
 
@@ -112,7 +112,6 @@ def _paced(period: float, film: Each | None) -> Each:
         nonlocal calls
         calls += 1
         time.sleep(max(0.0, begun + calls * period - time.perf_counter()))
-        if film is not None:
-            film(env)
+        film(env)
 
     return each

@@ -69,15 +69,14 @@ def simulate(given: argparse.Namespace) -> int:
         env = make_env(scene, settings, mode)
     env.unwrapped.labels |= labels
     frames: list[Any] = []
-    film: Any = (lambda e: frames.append(e.render())) if given.video else None
+    film: Any = (lambda e: frames.append(e.render())) if given.video else (lambda e: None)
     # Reports why a real chair stands, and ends a run that cannot continue.
     events = None if given.chair is None else EventLog(Deployment(), to_stderr)
     try:
         env, film = watch(given).on(env, film)
 
         def each(now: Any) -> bool:
-            if film is not None:
-                film(now)
+            film(now)
             return events is not None and events(now)
 
         record = drive_episode(env, policy, given.seed, each, episode)
@@ -242,8 +241,7 @@ def assisted(given: argparse.Namespace) -> int:
             if keys is not None:
                 keys.status = stick.why() or text or keys.status
                 keys.poll(time.monotonic())
-            if film is not None:
-                film(now)
+            film(now)
             return stamp >= end or (keys is not None and not keys.open)
 
         record = drive_with_help(env, helper, stick, episode, to_stderr, each)

@@ -63,9 +63,8 @@ def _explored(given: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
                 bar.update(env.unwrapped.task.reading.stamp - bar.n)
 
             env, each = watch(given).on(env, count_seconds)
-            made = map_by_driving(
-                env, policy, given.seed, given.time, each or count_seconds, real=bool(given.chair)
-            )
+            real = bool(given.chair)
+            made = map_by_driving(env, policy, given.seed, given.time, each, real=real)
     finally:
         env.close()
     write_map(made.grid, Path(given.out) / "map.yaml")

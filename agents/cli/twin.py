@@ -104,8 +104,7 @@ def robot(given: argparse.Namespace) -> int:
         env, film = watch(given).on(env)
 
         def each(now: Any) -> bool:
-            if film is not None:
-                film(now)
+            film(now)
             return driver.follow(now)
 
         while not over() and (not judged or number < given.episodes):
