@@ -47,7 +47,7 @@ class Watch:
         suffix = ".mcap" if self.format == "foxglove" else ""  # a bag is a folder
         return replace(self, record=str(Path(self.record) / f"{name}{suffix}"))
 
-    def on(self, env: Any, film: Each = ignore) -> tuple[Any, Each]:
+    def on(self, env: Any, film: Each = lambda env: None) -> tuple[Any, Each]:
         """The recorded environment, and the function to call after reset and each step.
 
         Raises:

@@ -70,7 +70,7 @@ def simulate(given: argparse.Namespace) -> int:
         env = make_env(scene, settings, mode)
     env.unwrapped.labels |= labels
     frames: list[Any] = []
-    film: Any = (lambda e: frames.append(e.render())) if given.video else ignore
+    film: Any = (lambda e: frames.append(e.render())) if given.video else (lambda e: None)
     # Reports why a real chair stands, and ends a run that cannot continue.
     events = None if given.chair is None else EventLog(Deployment(), to_stderr)
     try:

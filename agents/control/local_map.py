@@ -16,6 +16,7 @@ import math
 
 import numpy as np
 
+from planners.smoothing.shortcut import subdivided
 from wheelchair_gym.base.arrays import Array, Mask
 from wheelchair_gym.geometry.kinematics import odometric_step
 from wheelchair_gym.geometry.outline import clearance_to_points
@@ -39,13 +40,7 @@ SETTLE = 3.0  # s over which the pose estimate corrects the wheel counts, so tha
 
 def sampled_walls(walls: Array, spacing: float = 0.05) -> Array:
     """Points (k, 2) [m] along walls (n, 4), ends included, at most `spacing` apart."""
-    begin, step = walls[:, :2], walls[:, 2:] - walls[:, :2]
-    counts = np.maximum(1, np.ceil(np.hypot(*step.T) / spacing)).astype(np.int64)  # of intervals
-    wall = np.repeat(np.arange(len(walls)), counts + 1)  # which wall each point belongs to
-    first = np.cumsum(counts + 1) - (counts + 1)
-    share = (np.arange(len(wall)) - first[wall]) / counts[wall]
-    points: Array = begin[wall] + share[:, None] * step[wall]
-    return points
+    return np.concatenate([subdivided(walls, spacing), walls[:, 2:]])
 
 
 def voxel_means(points: Array, size: float) -> Array:

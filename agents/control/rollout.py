@@ -8,11 +8,11 @@ path is a chain of poses with the distance s along it, where a radian of turning
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from planners.smoothing.shortcut import resample
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.geometry.kinematics import Limits, approach_twist, arc_step, peak_speed
@@ -263,21 +263,12 @@ SPACING = 0.05  # m (or m of turning) between two reference poses
 SMOOTHING = 0.25  # m: half of the stretch over which corners of a plain polyline are rounded
 
 
-def _resampled(path: Array, spacing: float) -> Array:
-    """A polyline (n, 2) with points at most `spacing` apart, its own vertices kept."""
-    parts = [path[:1]]
-    for a, b in pairwise(path):
-        count = max(1, math.ceil(float(np.hypot(*(b - a))) / spacing))
-        parts.append(a + (b - a) * (np.arange(1, count + 1) / count)[:, None])
-    return np.concatenate(parts)
-
-
 def poses_of(path: Array, heading: float) -> Array:
     """The poses (m, 3) of a path (n, 2) with corners a little rounded.
 
     They begin with a pivot from the chair's heading [rad].
     """
-    points = _resampled(path, SPACING)
+    points = resample(path, SPACING)
     wide = round(SMOOTHING / SPACING)
     if len(points) > 2 * wide + 1:
         before = 2 * points[0] - points[wide:0:-1]

@@ -15,7 +15,7 @@ import numpy as np
 from agents.control.rollout import SPACING, YAW, ReferencePath, S, X, Y, match
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.geometry.outline import clearance_to_points
-from wheelchair_gym.geometry.planar import wrap
+from wheelchair_gym.geometry.planar import relative_pose, to_frame
 
 if TYPE_CHECKING:
     from agents.control.followers import Follower, Situation
@@ -126,11 +126,8 @@ class ManoeuvreTracker:
         if not len(near):
             return None
         pose, points, outline = local_map.pose, local_map.points, local_map.outline
-        c, s = math.cos(pose[YAW]), math.sin(pose[YAW])
-        for k in near:
-            dx, dy, yaw = rows[k, :3] - pose
-            at = c * dx + s * dy, c * dy - s * dx
-            if clearance_to_points(*at, yaw, outline, points, TIGHT) < TIGHT:
+        for x, y, yaw in relative_pose(pose, rows[near, :3]):
+            if clearance_to_points(x, y, yaw, outline, points, TIGHT) < TIGHT:
                 return max(0.0, float(rows[near[0], S]) - way)
         return None
 
@@ -154,17 +151,13 @@ class ManoeuvreTracker:
         else:  # by place alone: a chair that turns too late is as far along
             last = min(end + 1, int(np.searchsorted(rows[:, S], rows[row, S] + REACH)))
             row += int(np.argmin(np.hypot(*(rows[row : max(last, row + 1), :2] - pose[:2]).T)))
-        x, y, yaw = rows[row, :3]
-        c, s = math.cos(yaw), math.sin(yaw)
-        dx, dy = pose[0] - x, pose[1] - y
-        side, along, turned = c * dy - s * dx, c * dx + s * dy, wrap(pose[2] - yaw)
+        along, side, turned = relative_pose(rows[row, :3], pose).tolist()
         if kind == 0.0:
-            left = rows[end, YAW] - yaw - turned
+            left = rows[end, YAW] - rows[row, YAW] - turned
             return row, side, 0.0, left * math.copysign(1.0, rows[end, YAW] - rows[end - 1, YAW])
         turned -= self._curvature(row, end) * along
-        ex, ey, eyaw = rows[end, :3]
-        left = math.cos(eyaw) * (ex - pose[0]) + math.sin(eyaw) * (ey - pose[1])
-        return row, side, turned, kind * left
+        past, _ = to_frame(pose[:2], rows[end, :3])
+        return row, side, turned, -kind * float(past)
 
     def _curvature(self, row: int, end: int) -> float:
         """Turn a metre of signed way [1/m] of the plan just after a row."""

@@ -13,7 +13,9 @@ import numpy as np
 
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.maps import OccupancyGrid
+from wheelchair_gym.people.assistance.arcs import free_share
 from wheelchair_gym.people.assistance.freedom import AssistMission, Freedom, Twist
+from wheelchair_gym.people.assistance.shared_dwa import STEP
 from wheelchair_gym.people.assistance.step import Assistants
 from wheelchair_gym.people.assistance.teleop import Shielded
 from wheelchair_gym.types import Reading, Stick
@@ -42,6 +44,11 @@ class AssistInput:
     margin: float
     turn: float
     map: OccupancyGrid | None
+
+    def free_share(self, mission: AssistMission, twist: Twist, time: float) -> float:
+        """Share of a time [s] for which the chair could follow a twist."""
+        outline = mission.chair.footprint.array
+        return float(free_share(self.points, outline, *twist, time, STEP, self.margin))
 
 
 class Method(Protocol):

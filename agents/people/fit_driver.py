@@ -16,16 +16,16 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
-from scipy.signal import lfilter
+from scipy.optimize import least_squares, minimize
+from scipy.signal import find_peaks, lfilter, periodogram
 
 from agents.evaluation.statistics import median_interval
-from agents.people.fit_tremor import TICK, TREMOR, FittedSetting, estimate, fit_tremor
-from agents.people.recorded_stick import StickSession
+from agents.people.recorded_stick import StickSession, before_dead_zone
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.settings import InputError, dump
 from wheelchair_gym.compiled.kernel import kernel
@@ -38,8 +38,16 @@ from wheelchair_gym.people.drivers.interfaces import (
     weaken,
 )
 from wheelchair_gym.people.drivers.settings import Driver, Hand, ProportionalStick, Switches
-from wheelchair_gym.people.drivers.state import tremor_filter
+from wheelchair_gym.people.drivers.state import TICK_RATE, tremor_filter
 
+TICK = 1.0 / TICK_RATE  # s
+MIN_RATE = 25.0  # Hz: sessions recorded more slowly show a tremor at wrong frequencies
+STRETCH = 2.56  # s of an uninterrupted deflection that give one periodogram
+MIN_STRETCHES = 6
+TREMOR_KEYS = "tremor", "tremor_frequency", "tremor_band"  # of a hand
+TREMOR = tuple(f"hand.{key}" for key in TREMOR_KEYS)
+_EVIDENCE = 10.0  # min gain of log-likelihood by a tremor: for three parameters, P < 1e-3
+_FULL = 0.92  # deflection from which on the stick's end cuts a tremor off
 _ON_GRID = 0.03  # mean squared distance to the grid, in steps; at random 1/12
 _ZONES = np.arange(0.0, 0.5, 2e-4)  # dead zones that are tried
 _NAMES = (
@@ -49,8 +57,23 @@ _NAMES = (
 _LOW = np.array([0.0, 0.005, 0.005, 0.05, 0.05, 0.05, 0.05, -0.8, -0.5, -0.5])
 _HIGH = np.array([2.5, 1.5, 1.5, 1.0, 1.0, 1.0, 1.0, 0.8, 0.5, 0.5])
 _STEADY = np.zeros((0, 2))  # no tremor
+_NO_PROMPTS = "a drive does not show which {} was meant: record one with --prompts"
 _CORRECTIONS = 10  # simulated sessions that estimate a bias
 _START = np.array([0.4, 0.1, 0.1, 0.8, 0.8, 0.8, 0.8, 0.0, 0.0, 0.0])
+
+
+class FittedSetting(NamedTuple):
+    """A fitted setting with its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+def estimate(value: float, drawn: list[float]) -> FittedSetting:
+    """A value with the 95 % interval of those drawn by a bootstrap; none: the value alone."""
+    low, high = np.percentile(drawn, (2.5, 97.5)) if drawn else (value, value)
+    return FittedSetting(float(value), float(min(low, value)), float(max(high, value)))
 
 
 class Fit(NamedTuple):
@@ -93,11 +116,12 @@ def fit_driver(
     if base.interface.kind != kind:
         made: Any = ProportionalStick() if kind == "stick" else Switches()
         base = dataclasses.replace(base, interface=made)
-    rng = np.random.default_rng(seed)
-    fit = (_fit_stick if kind == "stick" else _fit_switches)(sessions, base, repeats, rng)
-    settings = _settings(base, fit.estimates, sessions)
-    make_driver(settings)
-    return fit._replace(driver=settings)
+    minutes = sum(len(one.sticks) * one.period for one in sessions) / 60.0
+    fit, rng = Fit({}, {}, {}, {"minutes": minutes}), np.random.default_rng(seed)
+    (_fit_stick if kind == "stick" else _fit_switches)(fit, sessions, base, repeats, rng)
+    fit.driver.update(_settings(base, fit.estimates, sessions))
+    make_driver(fit.driver)
+    return fit
 
 
 def _settings(
@@ -123,19 +147,17 @@ def _settings(
 
 
 def _fit_stick(
-    sessions: list[StickSession], base: Driver, repeats: int, rng: np.random.Generator
-) -> Fit:
-    estimates: dict[str, FittedSetting] = {}
-    unidentified: dict[str, str] = {}
+    found: Fit, sessions: list[StickSession], base: Driver, repeats: int, rng: np.random.Generator
+) -> None:
     device, hand = base.interface, base.hand
     zone = _dead_zone(sessions, device.levels)
     if zone is None:
-        unidentified["interface.dead_zone"] = (
+        found.unidentified["interface.dead_zone"] = (
             f"the stick's values are not those of {device.levels:g} steps with one dead zone; "
             f"{device.dead_zone:g} is assumed"
         )
     else:
-        estimates["interface.dead_zone"] = zone
+        found.estimates["interface.dead_zone"] = zone
         device = dataclasses.replace(device, dead_zone=zone.value)
     prompted = [session for session in sessions if len(session.prompts)]
     if prompted:
@@ -144,18 +166,14 @@ def _fit_stick(
         values = {name.partition(".")[2]: float(best[k]) for k, name in enumerate(_NAMES)}
         hand = dataclasses.replace(hand, **{k: v for k, v in values.items() if k})
     else:
-        why = "a drive does not show which deflection was meant: record one with --prompts"
-        unidentified |= dict.fromkeys(_NAMES, why)
+        found.unidentified.update(dict.fromkeys(_NAMES, _NO_PROMPTS.format("deflection")))
     tremor, why = fit_tremor(sessions, device, hand, repeats, rng)
     if prompted:
-        for name, found in tremor.items():
-            hand = dataclasses.replace(hand, **{name.partition(".")[2]: found.value})
-        hand = hand if tremor else dataclasses.replace(hand, tremor=0.0)
-        estimates |= _hand_estimates(fit, best, prompted, hand, repeats, rng)
-    estimates |= tremor
-    unidentified |= {name: why for name in TREMOR if name not in tremor}
-    minutes = sum(len(one.sticks) * one.period for one in sessions) / 60.0
-    return Fit({}, estimates, unidentified, {"minutes": minutes})
+        values = {name.partition(".")[2]: one.value for name, one in tremor.items()}
+        hand = dataclasses.replace(hand, **(values or {"tremor": 0.0}))
+        found.estimates.update(fit.estimates(best, hand, repeats, rng))
+    found.estimates.update(tremor)
+    found.unidentified.update({name: why for name in TREMOR if name not in tremor})
 
 
 def _dead_zone(sessions: list[StickSession], levels: float) -> FittedSetting | None:
@@ -231,6 +249,7 @@ class _HandFit:
 
     def __init__(self, sessions: list[StickSession], device: Any) -> None:
         self._sessions, self._device = sessions, device
+        self._recorded = [one.sticks for one in sessions]
         self.prompts = sum(len(one.prompts) for one in sessions)
         before = np.cumsum([0, *(len(one.prompts) for one in sessions)])
         of = [
@@ -270,11 +289,10 @@ class _HandFit:
 
     def best(self) -> Array:
         """The best parameters for the recorded sticks, from several delays on."""
-        sticks, ones = [one.sticks for one in self._sessions], np.ones(self.prompts)
         starts = [np.array([delay, *_START[1:]]) for delay in np.arange(0.1, 1.3, 0.1)]
-        seen = np.concatenate(sticks)
+        seen, ones = np.concatenate(self._recorded), np.ones(self.prompts)
         starts.sort(key=lambda p: float(((np.concatenate(self.sticks(p)) - seen) ** 2).sum()))
-        tried = [self.solve(start, sticks, ones) for start in starts[:3]]
+        tried = [self.solve(start, self._recorded, ones) for start in starts[:3]]
         found: Array = min(tried, key=lambda one: float(one.cost)).x
         return found
 
@@ -284,59 +302,51 @@ class _HandFit:
         ticks = [round(len(one.sticks) * one.period / TICK) for one in self._sessions]
         return [lfilter([gain], [1.0, -a, b], rng.normal(size=(n, 2)), axis=0) for n in ticks]
 
+    def estimates(
+        self, best: Array, hand: Hand, repeats: int, rng: np.random.Generator
+    ) -> dict[str, FittedSetting]:
+        """The hand's parameters without the bias that a tremor gives them, with intervals.
 
-def _hand_estimates(
-    fit: _HandFit, best: Array, sessions: list[StickSession], hand: Hand, repeats: int,
-    rng: np.random.Generator,
-) -> dict[str, FittedSetting]:  # fmt: skip
-    """The hand's parameters without the bias that a tremor gives them, with intervals.
-
-    A tremor that the dead zone and the stick's ends cut shifts the mean. The shift is that of
-    sessions simulated with the parameters and the tremor found (bootstrap bias correction, Efron
-    and Tibshirani 1993, chapter 10).
-    """
-    ones, bias = np.ones(fit.prompts), np.zeros(len(best))
-    if hand.tremor > 0.0:
-        drawn = [
-            fit.solve(best, fit.sticks(best, fit.tremors(hand, rng)), ones, False).x
-            for _ in range(_CORRECTIONS)
-        ]
-        bias = np.mean(drawn, axis=0) - best
-    resampled = []
-    for _ in range(repeats):
-        weights = np.bincount(rng.integers(fit.prompts, size=fit.prompts), minlength=fit.prompts)
-        one = fit.solve(best, [s.sticks for s in sessions], weights.astype(np.float64), False)
-        resampled.append(np.clip(one.x - bias, _LOW, _HIGH))
-    corrected = np.clip(best - bias, _LOW, _HIGH)
-    return {
-        name: estimate(corrected[k], [one[k] for one in resampled]) for k, name in enumerate(_NAMES)
-    }
+        A tremor that the dead zone and the stick's ends cut shifts the mean. The shift is that of
+        sessions simulated with the parameters and the tremor found (bootstrap bias correction,
+        Efron and Tibshirani 1993, chapter 10).
+        """
+        n, bias = self.prompts, np.zeros(len(best))
+        if hand.tremor > 0.0:
+            drawn = [
+                self.solve(best, self.sticks(best, self.tremors(hand, rng)), np.ones(n), False).x
+                for _ in range(_CORRECTIONS)
+            ]
+            bias = np.mean(drawn, axis=0) - best
+        draws = (rng.integers(n, size=n) for _ in range(repeats))
+        weights = (np.bincount(drawn, minlength=n).astype(np.float64) for drawn in draws)
+        found = [best, *(self.solve(best, self._recorded, each, False).x for each in weights)]
+        values = np.clip(np.array(found) - bias, _LOW, _HIGH).T.tolist()
+        return {name: estimate(of[0], of[1:]) for name, of in zip(_NAMES, values, strict=True)}
 
 
 # ---- switches
 
 
 def _fit_switches(
-    sessions: list[StickSession], base: Driver, repeats: int, rng: np.random.Generator
-) -> Fit:
-    estimates: dict[str, FittedSetting] = {}
-    unidentified: dict[str, str] = {}
+    found: Fit, sessions: list[StickSession], base: Driver, repeats: int, rng: np.random.Generator
+) -> None:
     sticks = np.concatenate([one.sticks / one.share for one in sessions])
     for k, name in enumerate(("speed", "turn")):
         values = np.abs(sticks[:, k][sticks[:, k] != 0.0])
         if len(values):
             typical = float(np.median(values))
-            estimates[f"interface.{name}"] = FittedSetting(typical, typical, typical)
+            found.estimates[f"interface.{name}"] = FittedSetting(typical, typical, typical)
         else:
-            unidentified[f"interface.{name}"] = "no switch of that direction was pressed"
+            found.unidentified[f"interface.{name}"] = "no switch of that direction was pressed"
     changes = sum(
         int((np.abs(np.diff(one.sticks, axis=0)) > 1e-9).any(axis=1).sum()) for one in sessions
     )
-    minutes = sum(len(one.sticks) * one.period for one in sessions) / 60.0
+    found.figures["changes_per_minute"] = changes / max(found.figures["minutes"], 1e-9)
     delays, wrong = _answers(sessions)
     if len(delays) < 8:
-        why = "a drive does not show which signal was meant: record one with --prompts"
-        unidentified |= {"delay": why, "interface.error": why}
+        why = _NO_PROMPTS.format("signal")
+        found.unidentified.update({"delay": why, "interface.error": why})
     else:
         # A wrong signal is drawn from all of them, the right one too.
         device = base.interface
@@ -344,13 +354,11 @@ def _fit_switches(
         chance = n / (n - 1)
         draws = [rng.integers(len(delays), size=len(delays)) for _ in range(repeats)]
         half = 0.5 * sessions[0].period  # a change is seen so late on average
-        estimates["delay"] = FittedSetting(*(d - half for d in median_interval(delays)))
-        estimates["interface.error"] = estimate(
+        found.estimates["delay"] = FittedSetting(*(d - half for d in median_interval(delays)))
+        found.estimates["interface.error"] = estimate(
             min(1.0, chance * float(wrong.mean())),
             [min(1.0, chance * float(wrong[k].mean())) for k in draws],
         )
-    figures = {"minutes": minutes, "changes_per_minute": changes / max(minutes, 1e-9)}
-    return Fit({}, estimates, unidentified, figures)
 
 
 def _answers(sessions: list[StickSession]) -> tuple[Array, NDArray[np.bool_]]:
@@ -370,3 +378,122 @@ def _answers(sessions: list[StickSession]) -> tuple[Array, NDArray[np.bool_]]:
             delays.append(moved[0] * one.period)
             wrong.append(bool((sign[k + moved[0]] != want).any()))
     return np.array(delays), np.array(wrong, np.bool_)
+
+
+# ---- a tremor
+
+
+def _periodograms(
+    sessions: list[StickSession], device: Any, hand: Hand, rate: float
+) -> tuple[Array, Array]:
+    """Frequencies (m,) [Hz], and periodograms (k, m) [1/Hz] of stretches sampled at a rate [Hz]."""
+    n = round(STRETCH * rate)
+    c, s = math.cos(hand.rotation), math.sin(hand.rotation)
+    found: list[Array] = []
+    for one in sessions:
+        raw = before_dead_zone(one.sticks, device, one.share)
+        raw[one.near_goal] = math.nan
+        raw = raw - (hand.offset_forward, hand.offset_left)
+        x, y = c * raw[:, 0] + s * raw[:, 1], -s * raw[:, 0] + c * raw[:, 1]
+        axes = (x, hand.forward, hand.backward), (y, hand.leftward, hand.rightward)
+        for values, above, below in axes:
+            good = np.isfinite(values)
+            full = np.abs(values) > _FULL
+            values = values / np.where(values > 0.0, above, below)
+            at = 0
+            while at + n <= len(values):
+                if not good[at : at + n].all():
+                    at += 1 + int(np.flatnonzero(~good[at : at + n])[-1])
+                    continue
+                part, cut = values[at : at + n], full[at : at + n].any()
+                at += n // 2
+                if not cut:
+                    found.append(part)
+    f, each = periodogram(np.reshape(found, (-1, n)), rate, "hann", detrend="linear")
+    return f, each
+
+
+def _tremor_spectrum(f: Array, rate: float, hand: Any, smoothing: float) -> Array:
+    """One-sided spectrum (m,) [1/Hz] of a tremor behind the stick's filter, folded by sampling."""
+    a, b, gain = tremor_filter(hand, TICK)
+    folds = round(TICK_RATE / rate)
+    every = [f] + [sign * f + k * rate for k in range(1, folds // 2 + 1) for sign in (-1.0, 1.0)]
+    total = np.zeros_like(f)
+    share = smoothing_share(smoothing, TICK)
+    for g in every:
+        z = np.exp(-2j * math.pi * np.abs(g) * TICK)
+        shape = gain**2 / np.abs(1.0 - a * z + b * z * z) ** 2
+        filtered = share**2 / np.abs(1.0 - (1.0 - share) * z) ** 2
+        total += np.where(np.abs(g) <= 0.5 * TICK_RATE, 2.0 * TICK * shape * filtered, 0.0)
+    # What Hann's window makes of it.
+    wide = np.concatenate((total[1:2], total, total[-2:-1]))
+    blurred: Array = (wide[:-2] + 4.0 * wide[1:-1] + wide[2:]) / 6.0
+    return blurred
+
+
+def fit_tremor(
+    sessions: list[StickSession], device: Any, hand: Hand, repeats: int, rng: np.random.Generator
+) -> tuple[dict[str, FittedSetting], str]:
+    """The tremor's amplitude, frequency and band, and why there are none.
+
+    The spectrum of stretches of a drive (averaged periodograms, Welch 1967) is that of a resonator
+    behind the stick's filter, folded by the sampling, and of voluntary movement: a power law and a
+    floor. The parameters are those of maximum likelihood (Whittle 1953).
+    """
+    rate = 1.0 / sessions[0].period
+    if rate < MIN_RATE:
+        return {}, (
+            f"recorded at {rate:g} Hz: a tremor shows at other frequencies than its own; expected "
+            f"at least {MIN_RATE:g} Hz (--rate 50)"
+        )
+    if any(abs(one.period - sessions[0].period) > 1e-9 for one in sessions):
+        return {}, "the sessions were recorded at different rates"
+    f, each = _periodograms(sessions, device, hand, rate)
+    if len(each) < MIN_STRETCHES:
+        return {}, (
+            f"{len(each)} stretches of {STRETCH:g} s with a stick that is neither centred nor at "
+            f"its end; expected {MIN_STRETCHES}"
+        )
+    use = (f >= 1.0) & (f < 0.5 * rate)
+
+    def model(p: Array) -> Array:
+        background: Array = np.exp(p[0]) * (f[use] / 2.0) ** -p[1] + np.exp(p[2])
+        if len(p) == 3:
+            return background
+        values = math.exp(p[3]), float(p[4]), math.exp(p[5])
+        one = SimpleNamespace(**dict(zip(TREMOR_KEYS, values, strict=True)))  # checks nothing
+        background += _tremor_spectrum(f, rate, one, device.smoothing)[use]
+        return background
+
+    def cost(p: Array, mean: Array) -> float:
+        """Negative log-likelihood of the mean of the periodograms, each half overlapped."""
+        if len(p) > 3 and not (1.5 <= p[4] <= 0.45 * rate and -2.5 <= p[5] <= 1.8 and p[3] < 0.0):
+            return 1e12
+        if not 0.0 <= p[1] <= 8.0:
+            return 1e12
+        spectrum = model(p)
+        return float(0.5 * len(each) * (np.log(spectrum) + mean / spectrum).sum())
+
+    def solve(start: Array, mean: Array) -> Any:
+        simplex = np.vstack([start, start + np.diag([0.5, 0.5, 0.5, 0.5, 0.5, 0.7][: len(start)])])
+        options = {"maxfev": 4000, "xatol": 1e-3, "fatol": 1e-2, "initial_simplex": simplex}
+        return minimize(cost, start, (mean,), "Nelder-Mead", options=options)
+
+    mean = each.mean(axis=0)[use]
+    plain_start = np.array([math.log(mean[0]), 2.0, math.log(mean.min())])
+    plain = solve(plain_start, mean)
+    ratio = mean / model(plain.x)
+    peaks = find_peaks(ratio)[0]
+    peaks = peaks if len(peaks) else np.array([ratio.argmax()])
+    highest = f[use][peaks[np.argsort(ratio[peaks])[-3:]]]
+    trials = [solve(np.array([*plain.x, math.log(0.1), top, 0.0]), mean) for top in highest]
+    best = min(trials, key=lambda one: float(one.fun))
+    if plain.fun - best.fun < _EVIDENCE or math.exp(best.x[3]) < 1.0 / device.levels:
+        return {"hand.tremor": FittedSetting(0.0, 0.0, 0.0)}, "no tremor stands out of the movement"
+    draws = (rng.integers(len(each), size=len(each)) for _ in range(repeats))
+    drawn = [solve(best.x, each[chosen].mean(axis=0)[use]).x for chosen in draws]
+    values = np.array([best.x, *drawn])[:, 3:]
+    values[:, [0, 2]] = np.exp(values[:, [0, 2]])
+    return {
+        name: estimate(float(values[0, k]), values[1:, k].tolist()) for k, name in enumerate(TREMOR)
+    }, ""

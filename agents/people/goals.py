@@ -2,7 +2,7 @@
 
 The belief follows Bayes' rule: a person's stick is the likelier, the less it costs on the way to
 its goal beside the best twist there is (maximum-entropy inverse control, Javdani 2015; Dragan and
-Srinivasa 2013).
+Srinivasa 2013). Each chooses among twists near the stick's (`fan`) that the chair could follow.
 """
 
 from __future__ import annotations
@@ -10,16 +10,25 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.spatial.distance import cdist
 
 from agents.people.assistant import AssistInput, AssistMission, SharedAssistant, Twist
-from agents.people.fan import cheapest, fan, free_share, nearest, scaled_distance
 from agents.people.targets import find_targets
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry.kinematics import arc_step
 from wheelchair_gym.geometry.planar import to_frame, to_world
+from wheelchair_gym.people.assistance.arcs import follow_arc
 from wheelchair_gym.people.assistance.freedom import Sharing
+from wheelchair_gym.people.assistance.shared_dwa import (
+    CLEAR,
+    SPEEDS,
+    STEP,
+    STEPS,
+    TURNS,
+    time_to_stop,
+)
 
 SAME = 0.6  # m: a target so near one of before is the same
 FORGET = 0.2  # 1/s, a choice: the belief returns to an even one, as people change their minds
@@ -35,17 +44,78 @@ LOOK_AHEAD = 1.5  # s for which `hypotheses` predicts a collision
 
 
 @borrowing_kernel
+def _fan(
+    points: Array, outline: Array, asked: Array, turn: float, margin: float, deceleration: float,
+    period: float, reach: float, near: Array, out: Array,
+) -> int:  # fmt: skip
+    """Write rows of twists that the chair could end before a collision; how many there are.
+
+    Columns: speed, turn rate, least clearance of the arc until it ends or touches [m]. The array
+    near (n, 2) is for the points that arcs of one speed can come near to: those within reach [m],
+    and as far as it drives.
+    """
+    n = 0
+    for i in range(SPEEDS):
+        v = asked[0] * i / (SPEEDS - 1)
+        far, count = reach + abs(v) * STEP * STEPS, 0
+        for k in range(points.shape[0]):
+            x, y = points[k, 0], points[k, 1]
+            if x * x + y * y <= far * far:
+                near[count, 0], near[count, 1] = x, y
+                count += 1
+        around = near[:count]
+        for j in range(TURNS):
+            w = asked[1] + turn * (2.0 * j / (TURNS - 1) - 1.0)
+            free, clear = follow_arc(around, outline, v, w, STEP, STEPS, margin, CLEAR, -math.inf)
+            if free < STEPS and free * STEP < time_to_stop(v, w, deceleration, period):
+                continue
+            out[n, 0], out[n, 1], out[n, 2] = v, w, max(0.0, clear)
+            n += 1
+    return n
+
+
+def fan(mission: AssistMission, now: AssistInput) -> Array:
+    """Twists within an assistant's freedom that the chair could end in time, and the stick's.
+
+    Returns:
+        (n, 3): speed [m/s], turn rate [rad/s], least clearance on the way [m]; none where the
+        chair can only stand.
+    """
+    outline, out = mission.chair.footprint, np.empty((SPEEDS * TURNS, 3))
+    reach = outline.reach + max(CLEAR, now.margin) + 1e-6
+    n = _fan(
+        now.points, outline.array, np.array(now.asked), now.turn, now.margin,
+        mission.limits.deceleration, mission.period, reach, np.empty_like(now.points), out,
+    )  # fmt: skip
+    return out[:n]
+
+
+def scaled_distance(twists: Array, asked: tuple[float, float], mission: AssistMission) -> Array:
+    """Squared distances (n,) of twists (n, 2 or more) from the stick's, in full speeds."""
+    full = mission.limits.forward, mission.limits.turn
+    off: Array = (twists[:, :2] - asked) / full
+    return np.asarray((off**2).sum(axis=1))
+
+
+def cheapest(costs: Array) -> int:
+    """The first of the least costs (n,); differences below 1e-12 are none."""
+    return int(np.argmin(np.round(costs, 12)))
+
+
+def nearest(twists: Array, asked: Twist, mission: AssistMission) -> Twist:
+    """Of twists (n, 2 or more) the one nearest to the stick's; rest if there is none."""
+    if not len(twists):
+        return 0.0, 0.0
+    v, w = twists[cheapest(scaled_distance(twists, asked, mission)), :2]
+    return float(v), float(w)
+
+
+@borrowing_kernel
 def _ends(twists: Array, horizon: float, ahead: float, out: Array) -> None:
     """Compute the position of a point ahead of the axle after twists (n, 2 or more)."""
     for k in range(twists.shape[0]):
         x, y, yaw = arc_step(0.0, 0.0, 0.0, twists[k, 0], twists[k, 1], horizon)
         out[k, 0], out[k, 1] = x + ahead * math.cos(yaw), y + ahead * math.sin(yaw)
-
-
-def distances(places: Array, others: Array) -> Array:
-    """Return the distance (n, k) of each place (n, 2) from each of the others (k, 2)."""
-    dx, dy = (places[:, None] - others).transpose(2, 0, 1)
-    return np.asarray(np.sqrt(dx * dx + dy * dy))
 
 
 class Goals:
@@ -80,7 +150,7 @@ class Goals:
         rows = np.vstack([asked, np.zeros((1, 2)), twists[:, :2]])
         ends = np.empty((len(rows), 2))
         _ends(rows, HORIZON, AHEAD, ends)
-        every = distances(ends, self._targets) / mission.limits.forward  # (n + 2, k) s
+        every = cdist(ends, self._targets) / mission.limits.forward  # (n + 2, k) s
         over = np.minimum(every[0] - every.min(axis=0), 10.0)
         belief = self.belief * np.exp(-RATE * mission.period * over)
         share = min(1.0, FORGET * mission.period)
@@ -94,7 +164,7 @@ class Goals:
         belief = np.full(len(found), 1.0)
         if len(self._targets) and self._pose is not None:
             before = to_frame(to_world(self._targets, self._pose), now.reading.pose)
-            apart = distances(found, before)
+            apart = cdist(found, before)
             nearest = apart.argmin(axis=1)
             same = apart[np.arange(len(found)), nearest] < SAME
             belief = np.where(same, self.belief[nearest], self.belief.mean())
@@ -184,7 +254,7 @@ class Hypotheses(Believing):
         """See `Believing.choose`."""
         if not len(twists):
             return 0.0, 0.0
-        hits = free_share(goals.mission, now, now.asked, LOOK_AHEAD) < 1.0
+        hits = now.free_share(goals.mission, now.asked, LOOK_AHEAD) < 1.0
         likely = int(np.argmax(goals.belief))
         off = scaled_distance(twists, now.asked, goals.mission)
         best = cheapest(costs[:, likely] + 0.1 * off)

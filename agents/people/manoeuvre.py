@@ -15,7 +15,6 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.people.assistant import AssistInput, AssistMission, Freedom, SharedAssistant, Twist
-from agents.people.fan import free_share
 from agents.people.targets import find_doors, find_front
 from planners.collision.space import Space
 from planners.lattice.lattice import Lattice
@@ -86,7 +85,7 @@ class _Method:
         found = self._next(now) if self._plan is not None else None
         if found is None:
             return now.asked
-        share = free_share(self._mission, now, found, 1.0)
+        share = now.free_share(self._mission, found, 1.0)
         return share * found[0], share * found[1]
 
     def _follow_odometry(self, now: AssistInput) -> None:

@@ -79,8 +79,8 @@ def agreement(r: Results) -> list[dict[str, Any]]:
     for reading in readings:
         columns, rng = ratios_of(r, reading), np.random.default_rng(0)
         n = len(columns)
-        draws = (rng.integers(n, size=n) for _ in range(_DRAWS))  # rows, with replacement
-        fits = [fit(*columns.T), *(fit(*columns[rows_drawn].T) for rows_drawn in draws)]
+        bootstrap = [fit(*columns[rng.integers(n, size=n)].T) for _ in range(_DRAWS)]
+        fits = [fit(*columns.T), *bootstrap]
         figures = np.array([(*one[:3], one.length.value) for one in fits])
         row: dict[str, Any] = {"reading": reading, "rows": n}
         for key, (found, *drawn) in zip(Fit._fields, figures.T.tolist(), strict=False):
@@ -252,18 +252,17 @@ class Claim:
 def _follows(claim: Claim, r: Results) -> Evidence:
     """Evidence for 'the printed lengths follow a reading': their correlation is above `low`.
 
-    P-values are those of Fisher's z.
+    P-values and interval are those of Fisher's z.
     """
     (reading,), minimum = claim.rows, claim.low or 0.0
     found = fit_reading(r, reading)
-    z, root = np.arctanh(found.correlation), np.sqrt(len(found.printed) - 3.0)
-    above = (z - np.arctanh(minimum)) * root
-    low, high = np.tanh(z + 1.96 / root * np.array([-1.0, 1.0]))
+    error, place = 1.0 / np.sqrt(len(found.printed) - 3.0), np.arctanh(found.correlation)
+    z = (place - np.arctanh(minimum)) / error
+    p_for, p_against = float(stats.norm.sf(z)), float(stats.norm.cdf(z))
+    low, high = np.tanh([place - 1.96 * error, place + 1.96 * error]).tolist()
     text = f"{len(found.printed)} printed lengths and those predicted"
-    return Evidence(
-        float(stats.norm.sf(above)), float(stats.norm.cdf(above)), found.correlation, float(low),
-        float(high), "", f"Pearson's r above {minimum:g}", text,
-    )  # fmt: skip
+    test = f"Pearson's r above {minimum:g}"
+    return Evidence(p_for, p_against, found.correlation, low, high, "", test, text)
 
 
 def _fits_better(claim: Claim, r: Results) -> Evidence:

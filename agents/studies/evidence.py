@@ -95,21 +95,14 @@ class Effect:
         """The name of the test."""
         return "paired t" if self.paired else "Welch t"
 
-    @property
-    def relative(self) -> tuple[float, float, float]:
-        """The effect relative to the reference, and its interval."""
-        difference = self.beyond(0.0)
-        level = estimate(self.samples, self.level, self.paired).value
-        low, high = difference.interval
-        return difference.value / level, low / level, high / level
-
     def p_within(self, low: float, high: float) -> float:
         """P-value of 'the effect lies between', two one-sided tests."""
         return max(self.beyond(low).p_above(), self.beyond(high).p_below())
 
     def evidence(self, p_for: float, p_against: float, test: str, text: str) -> Evidence:
         """The effect in per cent, with p-values for a claim and against it."""
-        effect, low, high = (100.0 * v for v in self.relative)
+        difference, level = self.beyond(0.0), estimate(self.samples, self.level, self.paired).value
+        effect, low, high = (100.0 * v / level for v in (difference.value, *difference.interval))
         return Evidence(p_for, p_against, effect, low, high, "%", test, text)
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
 from time import process_time
@@ -21,7 +21,7 @@ from scipy.interpolate import CubicSpline
 from agents.evaluation.metrics import printed_turning, turning
 from agents.evaluation.runs import Record
 from agents.evaluation.tables import json_value
-from agents.studies.model import SEED_STRIDE
+from agents.studies.model import SEED_STRIDE, Job
 from planners import Problem, Space, make_planner
 from planners.problem import Plan, Status
 from planners.registries import OBJECTIVES, OPTIMIZERS
@@ -33,7 +33,7 @@ from wheelchair_gym.base.settings import InputError, load
 from wheelchair_gym.compiled.random import stream
 from wheelchair_gym.geometry.kinematics import Limits
 from wheelchair_gym.geometry.outline import Footprint
-from wheelchair_gym.geometry.planar import path_length, polygon_edges, to_world, wrap_angle
+from wheelchair_gym.geometry.planar import path_length, to_world, wrap_angle
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.scenes.published import CHAOTIC_PSO_DISCS, GREY_WOLF_DISCS, LAB_SIZE, LABS
 from wheelchair_gym.types import Episode
@@ -54,9 +54,7 @@ def problem_of(scene: Any, clearance: float = 0.0) -> Problem:
 
 def room_problem(boxes: Array, start: Any, goal: Any) -> Problem:
     """Return a room as in T2: separate axis-aligned boxes (n, 4) [m], without outer walls."""
-    corners = boxes[:, [0, 1, 2, 1, 2, 3, 0, 3]].reshape(-1, 4, 2)
-    walls = np.concatenate([polygon_edges(box) for box in corners])
-    space = Space.from_walls(walls, np.empty((0, 3)), (0.0, 0.0, *LAB_SIZE))
+    space = Space.from_rectangles(boxes, (0.0, 0.0, *LAB_SIZE))
     return Problem(space, np.array(start, dtype=float), np.array(goal, dtype=float))
 
 
@@ -104,8 +102,6 @@ def disc_problem(size: float, discs: Any, start: Any, goal: Any) -> Problem:
     space = Space.from_walls(np.empty((0, 4)), discs, (0.0, 0.0, size, size))
     return Problem(space, np.array(start, dtype=float), np.array(goal, dtype=float))
 
-
-Job = Mapping[str, Any]
 
 # The discs of a square by the name of the scene.
 DISCS: Final[dict[str, tuple[tuple[float, float, float], ...]]] = {
@@ -358,10 +354,5 @@ def controls(job: Job, seed: int) -> Record:
 
 
 EXPERIMENTS: Final[dict[str, Callable[[Job, int], Record]]] = {
-    "plan": plan,
-    "plan_drawn": plan_drawn,
-    "shortened": shortened,
-    "smoothing": smoothing,
-    "among_discs": among_discs,
-    "controls": controls,
+    run.__name__: run for run in (plan, plan_drawn, shortened, smoothing, among_discs, controls)
 }

@@ -40,11 +40,7 @@ from wheelchair_gym.base.settings import InputError
 
 Chapter = Mapping[str, Any]
 
-_CLASSES = {
-    ClaimVerdict.FAILS: "fails",
-    ClaimVerdict.OPEN: "open",
-    ClaimVerdict.HOLDS: "holds",
-}  # worst first
+_WORST_FIRST = ClaimVerdict.FAILS, ClaimVerdict.OPEN, ClaimVerdict.HOLDS
 
 
 def count_verdicts(chapters: Sequence[Chapter]) -> dict[ClaimVerdict, int]:
@@ -89,8 +85,10 @@ def write_studies_page(
     for chapter, drawn in chapters:
         claims = [
             {**claim, "effect": effect_text(claim), "study": chapter["name"],
-             "class": _CLASSES[ClaimVerdict(claim["verdict"])]}
-            for claim in sorted(chapter["claims"], key=lambda of: order.index(of["verdict"]))
+             "class": verdict.name.lower()}
+            for verdict in _WORST_FIRST
+            for claim in chapter["claims"]
+            if claim["verdict"] == verdict
         ]  # fmt: skip
         fits = _fits(chapter["readings"]) if chapter["readings"] else None
         table = None if fits else _table(chapter)
