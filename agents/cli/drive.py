@@ -28,7 +28,6 @@ from agents.deploy import deploy as deploy_policy
 from agents.evaluation.evaluate import drive_episode, env_settings, label, make_env
 from agents.people import is_shielded
 from agents.policies import make_policy
-from agents.watch import ignore
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs.settings import env_settings as complete_env_settings
 from wheelchair_gym.geometry.outline import best_clearance_heading

@@ -81,7 +81,7 @@ def write_studies_page(
     path: Path, title: str, chapters: Sequence[tuple[Chapter, Figures]], source: Mapping[str, Any]
 ) -> Path:
     """Write one page of all chapters, which needs no other file."""
-    found, order = [], list(_CLASSES)
+    found = []
     for chapter, drawn in chapters:
         claims = [
             {**claim, "effect": effect_text(claim), "study": chapter["name"],

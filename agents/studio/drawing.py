@@ -91,10 +91,12 @@ def loaded(path: Path, resolution: float) -> OccupancyGrid:
         image_file = path.parent / name
         if image_file.is_symlink() or not image_file.is_file():
             raise InputError(f"{path.name}: load its image, {name}, together with it")
-    with suppress(OSError), warnings.catch_warnings():  # what is no image is refused below
+    pixels = 0
+    with suppress(Exception), warnings.catch_warnings():  # what is no image is refused below
         warnings.simplefilter("ignore")  # of its own limit
         with Image.open(image_file) as head:
-            _check_cells(head.width * head.height, path)  # before they are decoded
+            pixels = head.width * head.height
+    _check_cells(pixels, path)  # before they are decoded
     try:
         grid = read_grid(path, True, resolution if image else None)
     except InputError as error:
