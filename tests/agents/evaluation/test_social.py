@@ -196,7 +196,7 @@ def test_reports_have_columns_of_people_only_where_there_are_some(tmp_path):
             row |= dict.fromkeys((*SOCIAL_MEANS, *EFFICIENCIES), 0.25)
     assert "in personal space [% of time]" in report.markdown(what)
     text = report.write_report(what, tmp_path).read_text(encoding="utf-8")
-    assert ": among people" in text
+    assert "contacts first: among people" in text
     assert "least time after which chair and a person" in text
     assert report.terminal_table(what) == brief
     table = report.terminal_table(what, ["personal_share"]).splitlines()
