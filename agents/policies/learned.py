@@ -25,8 +25,8 @@ from wheelchair_gym.base.settings import InputError, dump, load, setting, settin
 from wheelchair_gym.envs.guidance import make_guidance
 from wheelchair_gym.envs.settings import EnvSettings
 from wheelchair_gym.sensors.settings import SensorSettings
-from wheelchair_gym.task.prepared_episode import PreparedEpisode
 from wheelchair_gym.task import task as tasks
+from wheelchair_gym.task.prepared_episode import PreparedEpisode
 from wheelchair_gym.types import Command, Episode, Mission, Reading, Shown
 
 UPDATE_PERIOD = 1.0  # s between two updates from a map that grows
