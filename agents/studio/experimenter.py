@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 from urllib.parse import parse_qs
 
-from starlette.responses import FileResponse, HTMLResponse, RedirectResponse
+from starlette.responses import FileResponse, HTMLResponse, RedirectResponse, Response
 from starlette.routing import Route
 
 from agents.evaluation.tables import templates
@@ -20,6 +20,7 @@ from agents.people.protocol import Protocol
 from agents.people.session import Session, progress_of, read_folder
 from agents.studio import PAGE
 from wheelchair_gym.base.settings import InputError
+from wheelchair_gym.rendering.palette import style_sheet
 
 HOME: Final = "/experimenter"
 REMARKS: Final = ("note", "adverse_event")
@@ -92,5 +93,6 @@ class Desk:
         return [
             Route(HOME, lambda request: HTMLResponse(self.page())),
             Route(HOME, act, methods=["POST"]),
+            Route(f"{HOME}/theme.css", lambda _: Response(style_sheet(), media_type="text/css")),
             Route(f"{HOME}/style.css", lambda request: FileResponse(PAGE / "style.css")),
         ]

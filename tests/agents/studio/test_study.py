@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+import re
 import subprocess
 import sys
 import threading
@@ -343,6 +344,10 @@ def test_the_experimenter_sees_everybody_remarks_and_aborts(opened):
     status, headers, _ = get(served, f"/experimenter?token={token}")
     assert (status, headers["location"]) == (303, "/experimenter")
     cookie = {"Cookie": headers["set-cookie"].split(";")[0], "Origin": f"http://{served.host}"}
+    links = re.findall(r'href="(\S+css)"', get(served, "/experimenter", **cookie)[2].decode())
+    style = "".join(get(served, link, **cookie)[2].decode() for link in links)
+    known = {"--top", *re.findall(r"(--[\w-]+):", style)}
+    assert set(re.findall(r"var\((--[\w-]+)", style)) <= known
 
     def post(**form):
         return get(served, "/experimenter", "POST", urlencode(form).encode(), **cookie)
