@@ -122,5 +122,5 @@ class Chain:
         return record
 
     def close(self) -> None:
-        """Let others open the chain."""
+        """Close the file, and release its lock."""
         self._file.close()

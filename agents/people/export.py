@@ -47,11 +47,10 @@ def tidy(people: Sequence[Progress]) -> list[Record]:
                 continue
             source = record["questionnaire"] or "drive"
             tried = [other for other in one.attempts if other["key"] == record["key"]]
-            same = {
+            same = {key: record.get(key) for key in COLUMNS} | {
                 "participant": one.participant,
                 "group": one.protocol.group_of(one.participant).name,
                 "attempts": len(tried) or None, "source": source,
-                **{key: record.get(key) for key in COLUMNS[2:9]},
             }  # fmt: skip
             for key, column in measures_of(one.protocol, source).items():
                 if isinstance(values.get(key), bool | int | float):

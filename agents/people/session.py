@@ -188,7 +188,7 @@ class Session:
             raise
 
     def close(self) -> None:
-        """Let others open the session."""
+        """Write what is left, and release the lock of the session."""
         with suppress(InputError):
             self.save()
         self._chain.close()

@@ -146,7 +146,7 @@ def full_disk():
 
 
 def test_a_full_disk_loses_nothing(tmp_path):
-    """What could not be written is refused, or is written later; the chain stays whole."""
+    """A record that cannot be written is refused, or written later; the chain stays whole."""
     plan = protocol(1, 1)
     session = Session(tmp_path, plan, 1)
     session.consent()
@@ -415,7 +415,7 @@ def test_effects_of_periods_and_orders_are_tested_and_too_few_people_are_told(tm
             assert "n = 4, Wilcoxon's test of 1 pairs cannot give" in capsys.readouterr().out
     found = tables(plan, tidy(read_folder(tmp_path)[1]))[2]
     (row,) = (r for group in found.groups for r in group if r[0].text.startswith("time"))
-    people, first, last, period, orders, order = (cell.key for cell in row[1:])
+    _, people, first, last, period, orders, order = (cell.key for cell in row)
     assert (people, orders) == (8, 2)
     assert first - last == pytest.approx(5.0)
     assert period == pytest.approx(2**-7)

@@ -107,7 +107,7 @@ SCREENS += [(width // 2, height // 2) for width, height in SCREENS]  # at 200 %
 
 
 def cut_off(page):
-    """What of stick, map and message is not whole within the screen."""
+    """Names of stick, map and message, where one is not whole within the screen."""
     return page.evaluate("""["stick", "map", "banner"].filter(id => {
       const box = document.getElementById(id).getBoundingClientRect();
       return !box.height || Math.min(box.left, box.top, innerWidth - box.right,
