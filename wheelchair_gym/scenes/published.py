@@ -181,28 +181,15 @@ def _clutter(gap: float) -> tuple[list[Disc], list[Array]]:
 
 def _thesis_map(number: int, gap: float, scale: float) -> Arena:
     """The ground of one of the five maps of the thesis on RRT*-WOA, all lengths times a scale."""
-    rects: list[Box] = []
-    discs: list[Disc] = []
-    rotated: list[Array] = []
-    if number == 2:  # unobtrusive obstacles
-        rects = [(5.0, 9.0, 7.5, 11.0), (13.5, 14.0, 15.0, 16.5), (21.0, 4.0, 24.0, 6.0)]
-        rotated = [
-            rotated_rectangle(11.0, 3.0, 2.0, 1.2, 0.5),
-            rotated_rectangle(8.0, 16.0, 2.5, 1.0, 2.4),
-        ]
-        discs = [(17.0, 5.0, 0.8), (21.0, 17.0, 0.7), (3.0, 14.5, 0.6), (26.5, 9.0, 0.7)]
-    elif number == 3:  # narrow passages
-        rects = _barrier(7.0, 6.0, gap) + _barrier(12.5, 11.0, gap)
-        rects += _barrier(18.0, 6.5, gap) + _barrier(23.5, 14.0, gap)
-    elif number == 4:  # local minima
-        rects = _pocket(9.0, 2.0, 9.5, 4.0) + _pocket(16.0, 8.0, 17.0, 5.0)
-        rects += _pocket(24.0, 9.5, 17.5, 4.5) + _pocket(20.5, 1.5, 6.5, 3.0)
-    elif number == 5:  # clutter
-        rects = _barrier(10.0, 12.5, gap) + _barrier(20.0, 6.0, gap)
-        discs, rotated = _clutter(gap)
+    shapes = _ROWS["THESIS_MAPS"][number - 1]
+    discs, rotated = _clutter(gap) if number == 5 else (shapes.get("discs", []), [])
+    rotated += [rotated_rectangle(*one) for one in shapes.get("rotated", [])]
+    boxes = [*shapes.get("boxes", [])]
+    boxes += [box for one in shapes.get("barriers", []) for box in _barrier(*one, gap)]
+    boxes += [box for one in shapes.get("pockets", []) for box in _pocket(*one)]
     return make_arena(
         (0.0, 0.0, scale * WIDTH, scale * HEIGHT),
-        (scale * np.array(rects).reshape(-1, 4)).tolist(),
+        (scale * np.array(boxes).reshape(-1, 4)).tolist(),
         [scale * outline for outline in rotated],
         scale * np.array(discs).reshape(-1, 3),
     )

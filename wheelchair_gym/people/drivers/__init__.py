@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from wheelchair_gym.base.errors import shorten
-from wheelchair_gym.base.registry import Registry, in_module
+from wheelchair_gym.base.registry import Registry
 from wheelchair_gym.base.settings import InputError, dump, load
 from wheelchair_gym.people.drivers import named
 from wheelchair_gym.people.drivers.settings import Driver, interface_of
@@ -16,12 +16,7 @@ __all__ = ["DRIVERS", "driver_spec", "make_driver", "make_drivers"]
 # What each name gives when it is called, without arguments: a `Driver`.
 DRIVERS: Final = Registry(
     "driver",
-    in_module(
-        named.__name__,
-        "ataxia bci biased blind chin essential_tremor expert head_array hemianopia hemineglect "
-        "hostile inattentive isometric keyboard novice scanning sip_and_puff spasticity wavering "
-        "weak_left",
-    ),
+    {name: f"{named.__name__}:{name}" for name in named.PEOPLE},
     group="wheelchair_gym.drivers",
 )
 
