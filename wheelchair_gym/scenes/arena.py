@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Final, NamedTuple
+from pathlib import Path
+from typing import Any, Final, NamedTuple
 
 import numpy as np
+import yaml
 from numpy.typing import ArrayLike
 
 from wheelchair_gym.base.arrays import Array
@@ -23,6 +25,19 @@ from wheelchair_gym.scenes.raster import CELL, paint_discs, paint_polygon, to_ce
 from wheelchair_gym.types import Episode
 
 WALL: Final = 0.10  # m: thickness of the wall round an arena
+
+
+def _tuples(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _tuples(item) for key, item in value.items()}
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value
+
+
+def read_table(name: str) -> dict[str, Any]:
+    """Read a table of worlds of this folder, whose lists become tuples."""
+    text = Path(__file__).with_name(f"{name}.yaml").read_text("utf-8")
+    table: dict[str, Any] = _tuples(yaml.safe_load(text))
+    return table
 
 
 class Arena(NamedTuple):

@@ -14,16 +14,14 @@ obstacles inflated by 0.4 m. Verdicts on these maps can be on orders only, never
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
-import yaml
 
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.geometry.outline import Footprint
-from wheelchair_gym.scenes.arena import Arena, make_arena, poses_along
+from wheelchair_gym.scenes.arena import Arena, make_arena, poses_along, read_table
 from wheelchair_gym.scenes.poses import FOOTPRINT
 from wheelchair_gym.scenes.raster import rotated_rectangle
 from wheelchair_gym.types import Episode
@@ -50,12 +48,7 @@ Disc = tuple[float, float, float]  # m: x, y, radius
 Point = tuple[float, float]  # m
 
 
-def _tuples(value: Any) -> Any:
-    return tuple(map(_tuples, value)) if isinstance(value, list) else value
-
-
-_ROWS = yaml.safe_load(Path(__file__).with_name("published.yaml").read_text("utf-8"))
-_WORLDS = {name: _tuples(value) for name, value in _ROWS.items()}
+_WORLDS: Final = read_table("published")
 LAB_SIZE: Final[Point] = _WORLDS["LAB_SIZE"]
 LABS: Final[tuple[tuple[tuple[Box, ...], Point, Point], ...]] = _WORLDS["LABS"]
 CHAOTIC_PSO_DISCS: Final[tuple[Disc, ...]] = _WORLDS["CHAOTIC_PSO_DISCS"]
@@ -181,7 +174,7 @@ def _clutter(gap: float) -> tuple[list[Disc], list[Array]]:
 
 def _thesis_map(number: int, gap: float, scale: float) -> Arena:
     """The ground of one of the five maps of the thesis on RRT*-WOA, all lengths times a scale."""
-    shapes = _ROWS["THESIS_MAPS"][number - 1]
+    shapes = _WORLDS["THESIS_MAPS"][number - 1]
     discs, rotated = _clutter(gap) if number == 5 else (shapes.get("discs", []), [])
     rotated += [rotated_rectangle(*one) for one in shapes.get("rotated", [])]
     boxes = [*shapes.get("boxes", [])]
