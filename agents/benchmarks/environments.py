@@ -1,7 +1,9 @@
-"""The speed of environments on this machine, and of a peer in the same run."""
+"""The speed of environments on this machine, and of IR-SIM (extra `peers`) in the same world."""
 
 from __future__ import annotations
 
+import contextlib
+import io
 import os
 import statistics
 import subprocess
@@ -16,12 +18,15 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+import shapely
 
 from agents.evaluation import provenance as results
+from agents.evaluation.tables import templates
 from wheelchair_gym.envs import EnvSettings, NavigationVectorEnv
 from wheelchair_gym.envs.settings import BankSettings, env_settings
 from wheelchair_gym.envs.world_banks import WorldBank
 from wheelchair_gym.safety import ShieldSettings
+from wheelchair_gym.types import Episode
 
 ENV = "wheelchair_gym/Navigation-v1"
 EPISODE = 300  # steps at most
@@ -211,8 +216,6 @@ def measure(
         settings = bench_settings(count, bank)
         peer_rate = None
         if peer:
-            from agents.benchmarks.irsim import irsim_rate
-
             peer_rate = irsim_rate(settings, worlds.episode(0, 0).episode, seconds)
             yield {"what": "IR-SIM", "beams": count, "envs": 1, "threads": 1, "rate": peer_rate}
         found = single_env_rate(settings, worlds, seconds)
@@ -248,3 +251,50 @@ def _batch_facts(env: NavigationVectorEnv, n: int, before: int, first: bool) -> 
 def provenance(**settings: Any) -> Row:
     """The provenance of a result."""
     return {"settings": settings, **results.provenance(load=os.getloadavg()[0])}
+
+
+def wall_loops(walls: np.ndarray[Any, Any]) -> list[list[list[float]]]:
+    """Walls (n, 4) as the longest possible polylines."""
+    lines = np.asarray(walls).reshape(-1, 2, 2).tolist()
+    merged = shapely.line_merge(shapely.MultiLineString(lines))
+    return [np.array(line.coords).tolist() for line in getattr(merged, "geoms", [merged])]
+
+
+def irsim_world(settings: EnvSettings, episode: Episode) -> str:
+    """IR-SIM's description of an episode in YAML: the same walls, chair and laser."""
+    template = templates().get_template("irsim.yaml")
+    return template.render(settings=settings, episode=episode, loops=wall_loops(episode.walls))
+
+
+def irsim_rate(settings: EnvSettings, episode: Episode, seconds: float) -> float:
+    """Steps per second of IR-SIM with a scan at each, driven by uniform actions.
+
+    Args:
+        settings: of our environment.
+        episode: its world.
+        seconds: duration of the measurement.
+
+    Raises:
+        ImportError: it is not installed.
+    """
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        os.environ.setdefault("MPLBACKEND", "Agg")
+        import irsim
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "world.yaml"
+        path.write_text(irsim_world(settings, episode))
+        env = irsim.make(str(path), display=False, disable_all_plot=True, log_level="ERROR")
+    rng = np.random.default_rng(0)
+    limits = settings.chair.limits
+    twists = rng.uniform((-limits.backward, -limits.turn), (limits.forward, limits.turn), (64, 2))
+    env.step(twists[0].reshape(2, 1))
+    done, begun = 0, time.perf_counter()
+    while time.perf_counter() - begun < seconds:
+        env.step(twists[done % 64].reshape(2, 1))
+        env.get_lidar_scan()
+        if env.robot.collision:
+            env.reset()
+        done += 1
+    spent = time.perf_counter() - begun
+    env.end()
+    return done / spent

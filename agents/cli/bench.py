@@ -70,9 +70,8 @@ def train(given: argparse.Namespace) -> int:
 
 def planners(given: argparse.Namespace) -> int:
     """Make the missing runs of planners, write the results, and print tables."""
-    from agents.benchmarks.curves import draw
     from agents.benchmarks.entrants import PEERS, select_peers
-    from agents.benchmarks.planner_benchmark import PlannerBenchmark, one_core
+    from agents.benchmarks.planner_benchmark import PlannerBenchmark, draw, one_core
     from planners import PLANNERS
 
     arguments.check_picture(given.plot)
@@ -102,11 +101,8 @@ def planners(given: argparse.Namespace) -> int:
             stop = error
     if given.plot:
         draw(benchmark, benchmark.rows(), given.plot)
-    if given.json == "-" or given.json not in (None, file):
-        arguments.report(given, benchmark.result(), "")
     table = Path(file).with_suffix(".md")
     write_text(table, benchmark.text(full=True))
-    if given.json != "-":
-        print(f"{benchmark.text()}all columns: {table}")
+    arguments.report(given, benchmark.result(), f"{benchmark.text()}all columns: {table}")
     more = "" if given.resume else f" --resume {file}"
     return 0 if stop is None else arguments.stopped(stop, more)

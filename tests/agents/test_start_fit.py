@@ -6,8 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from agents.deploy import check_start
-from agents.start_fit import _preselected, start_fit
+from agents.deploy import _preselected, check_start, start_fit
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.geometry.planar import wrap

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from agents.benchmarks import environments
-from agents.benchmarks.irsim import irsim_rate
+from agents.benchmarks.environments import irsim_rate
 from agents.evaluation.provenance import provenance
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.types import Episode

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from agents.start_fit import start_fit
+from agents.deploy import start_fit
 from wheelchair_gym.maps import OCCUPIED
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.sensors.settings import SensorSettings

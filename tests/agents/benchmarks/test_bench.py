@@ -10,7 +10,7 @@ import yaml
 
 from agents import cli
 from agents.benchmarks import training
-from agents.benchmarks.irsim import irsim_world, wall_loops
+from agents.benchmarks.environments import irsim_world, wall_loops
 from tests.agents.learning.tiny_runs import tiny
 from wheelchair_gym.base.settings import dump
 from wheelchair_gym.envs import EnvSettings
