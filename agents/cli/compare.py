@@ -1,4 +1,4 @@
-"""`wheelchair compare`, `study`, `tune` and `report`; all but `report` can be resumed.
+"""`wheelchair compare`, `study` and `tune`, all of which can be resumed.
 
 Their options are declared in agents/data/commands.toml, as those of all commands.
 """
@@ -70,7 +70,9 @@ def compare(given: argparse.Namespace) -> int:
         if given.config is None:  # some interfaces take their time
             env["config"] = {"task": {"time_base": 60.0, "time_factor": 10.0}}
     if given.scenes or given.map:  # the title of the suite is of its scenes
-        suite = dataclasses.replace(suite, title=f"Policies on {_joined(map(label, scenes))}")
+        suite = dataclasses.replace(
+            suite, title=f"Policies on {_first_few(map(label, scenes), ', ', ' and {} more')}"
+        )
     suite = dataclasses.replace(
         suite,
         policies=tuple(policies),
@@ -130,10 +132,11 @@ def with_drivers(scenes: Sequence[Spec], names: Sequence[str]) -> list[dict[str,
     return found
 
 
-def _joined(names: Iterable[str]) -> str:
-    first = list(dict.fromkeys(names))
-    more = f" and {len(first) - NAMED} more" if len(first) > NAMED else ""
-    return ", ".join(first[:NAMED]) + more
+def _first_few(names: Iterable[str], between: str, more: str) -> str:
+    """Join the first `NAMED` of some names, and say how many more there are."""
+    every = list(dict.fromkeys(names))
+    rest = more.format(len(every) - NAMED) if len(every) > NAMED else ""
+    return between.join(every[:NAMED]) + rest
 
 
 def comparison_name(given: argparse.Namespace) -> str:
@@ -142,10 +145,8 @@ def comparison_name(given: argparse.Namespace) -> str:
         Path(name).stem if name.endswith(".json") else Path(name).name
         for name in given.scenes or ()
     ] + [Path(file).stem for file in given.map or ()]
-    if not names:
-        return str(given.suite)
-    more = f"_and_{len(names) - NAMED}_more" if len(names) > NAMED else ""
-    return re.sub(r"[^\w.-]+", "_", "_".join(names[:NAMED])) + more
+    name = _first_few(names, "_", "_and_{}_more")
+    return re.sub(r"[^\w.-]+", "_", name) or str(given.suite)
 
 
 def study(given: argparse.Namespace) -> int:
@@ -160,18 +161,6 @@ def study(given: argparse.Namespace) -> int:
     )  # fmt: skip
     page = Path(given.out) / "report.html"
     report(given, chapters, f"{summary_text(list(chapters.values()))}\n{page}")
-    return 0
-
-
-def participants(given: argparse.Namespace) -> int:
-    """Compare the conditions of an experiment with participants."""
-    from agents.people.report import write_report
-
-    tables, page = write_report(given.folder, given.bom)
-    rows = {table.caption: [[cell.text for cell in row] for group in table.groups for row in group]
-            for table in tables}  # fmt: skip
-    text = "\n\n".join(f"{one.caption}\n{one.text()}\n{one.note}".rstrip() for one in tables)
-    report(given, rows, f"{text}\n\n{page}")
     return 0
 
 

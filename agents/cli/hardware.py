@@ -360,7 +360,8 @@ def drive(given: argparse.Namespace) -> int:
     if not config.device:
         config = dataclasses.replace(config, device=joystick.ANY)
     joystick.load_evdev()
-    stick = joystick.Joystick(config, lambda: chair.rearm())
+    chair: Any = None  # there is none yet while a person finds the joystick
+    stick = joystick.Joystick(config, lambda: chair and chair.rearm())
     _await_joystick(stick, settings.chair.limits, given.timeout)
     chair, printed, missing = _chair(settings), 0.0, 0.0
     chair.joystick = stick

@@ -37,7 +37,7 @@ def run(given: argparse.Namespace) -> int:
     from agents.learning.settings import read_training
 
     try:
-        seeds = [parse_int(text) for text in given.seeds]
+        seeds = list(dict.fromkeys(parse_int(text) for text in given.seeds))  # each once
     except argparse.ArgumentTypeError as error:
         raise InputError(f"--seeds: {error}") from None
     algorithm, imitates = given.algorithm, given.algorithm == "bc"
@@ -117,7 +117,7 @@ def varied(text: str | None) -> tuple[str, list[str]]:
     key, _, values = text.partition("=")
     if not (key and values):
         raise InputError(f"--vary {text}: expected KEY=A,B")
-    split = (value.strip() for value in re.split(r",(?![^\[]*\])", values))
+    split = dict.fromkeys(value.strip() for value in re.split(r",(?![^\[]*\])", values))
     return key, [value for value in split if value]
 
 

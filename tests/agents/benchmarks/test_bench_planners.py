@@ -111,8 +111,12 @@ def test_results_say_all_and_resume_computes_nothing_twice(problems, ghost, tmp_
     less = json.loads((out / "planners.json").read_text())
     assert '"numpy_ghost"' in (out / "planners.jsonl").read_text()
     assert {row["planner"] for row in less["rows"]} == {"rrt_connect", "visibility"}
-    bench("--problems", problems, "--resume", out / "planners.json", out=tmp_path / "no")
-    assert json.loads((out / "planners.json").read_text())["records"] == result["records"]
+    capsys.readouterr()
+    another = "--json", tmp_path / "other.json"
+    bench("--problems", problems, "--resume", out / "planners.json", *another, out=tmp_path / "no")
+    for file in (out / "planners.json", tmp_path / "other.json"):
+        assert json.loads(file.read_text())["records"] == result["records"]
+    assert capsys.readouterr().out.startswith("## all problems")
 
 
 def test_ctrl_c_keeps_what_is_done(problems, ghost, tmp_path, capsys, monkeypatch):

@@ -12,7 +12,7 @@ import pytest
 import yaml
 from PIL import Image
 
-from agents.cli import COMMANDS, main, parser
+from agents.cli import COMMANDS, main, parser, train
 from agents.cli.arguments import changed, spec
 from agents.cli.compare import comparison_name
 from agents.control import FOLLOWERS
@@ -194,6 +194,15 @@ def test_training_says_what_tensorboard_needs(monkeypatch, capsys):
     monkeypatch.setattr("agents.cli.train.find_spec", lambda name: None)
     assert run("train", "ppo", "--set", "frames=none") == 2
     assert "log needs pip install 'wheelchair_gym[learn]'" in capsys.readouterr().err
+
+
+def test_training_makes_each_run_once(monkeypatch, tmp_path):
+    made = []
+    monkeypatch.setattr(train, "_train", lambda given, case: made.append(case.folder) or {})
+    words = ["train", "bc", "--seeds", "0,1,0", "--vary", "rounds=1,2,1", "--out", str(tmp_path)]
+    monkeypatch.setattr("agents.learning.curves.write_sweep", lambda *_: "")
+    assert main(words) == 0
+    assert made == [tmp_path / f"rounds_{k}" / f"seed_{seed}" for k in (1, 2) for seed in (0, 1)]
 
 
 def test_the_version_and_completion_scripts_are_printed(capsys):

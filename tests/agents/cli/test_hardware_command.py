@@ -11,6 +11,7 @@ import pytest
 from agents.cli import hardware, main
 from tests.conftest import refusal, until
 from tests.hardware.realtime import serving
+from wheelchair_gym.base.errors import InputError
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.hardware import joystick
 from wheelchair_gym.hardware.boards.senses import BoardSensors
@@ -144,6 +145,22 @@ def test_drive_without_a_joystick_says_what_it_waits_for_and_ends(
     assert "no joystick: plug it in" in said.strip().splitlines()[-1]
     assert "0.5 s" in said.strip().splitlines()[-1]
     assert ("waits 0.5 s for a joystick" in said) == (not looks)
+
+
+def test_re_arming_before_there_is_a_chair_does_nothing(tmp_path, monkeypatch, capsys):
+    device, own = NoStick(), joystick.JoystickSettings()
+    press = SimpleNamespace(type=joystick.EV_KEY, code=own.rearm_button, value=1)
+    device.read = lambda: [press]
+
+    def no_chair(settings):
+        raise InputError("it is away")
+
+    monkeypatch.setattr(joystick, "load_evdev", lambda: None)
+    monkeypatch.setattr(joystick.Joystick.__init__, "__defaults__", (None, lambda _own: device))
+    monkeypatch.setattr(hardware, "_chair", no_chair)
+    config = tmp_path / "config.json"
+    config.write_text("{}")
+    assert "it is away" in refusal(["hardware", "drive", "--config", config], capsys)
 
 
 def armed(reset):

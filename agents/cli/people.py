@@ -1,0 +1,89 @@
+"""`wheelchair studio`, `participants` and `report`: people drive in the browser, and their data."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from agents.cli.arguments import map_scenes
+from agents.cli.arguments import report as report_result
+from agents.evaluation.tables import columns_of, count, make_table
+from wheelchair_gym.base.settings import InputError
+from wheelchair_gym.envs.settings import env_settings
+
+
+def studio(given: argparse.Namespace) -> int:
+    """Serve the page in the browser until Ctrl-C."""
+    from agents.studio import check_extra
+    from agents.studio.warm_up import WarmUp
+
+    check_extra()
+    maps = map_scenes(given)
+    if maps:
+        from wheelchair_gym.maps import read_any_map
+
+        solid = maps[0].get("unknown_is_solid", True)
+        read_any_map(maps[0]["path"], solid, maps[0].get("resolution"))  # refuses what is wrong
+    own_map = maps[0] if maps else None
+    env_settings(None, model=given.model)  # refuses what is wrong
+    folder, study = Path(given.out), None
+    if given.study is not None:
+        from agents.people.folder import read_protocol
+
+        study = read_protocol(given.study)
+        folder /= Path(given.study).stem
+    elif given.participant:
+        raise InputError("--participant needs --study FILE")
+    warm_up = WarmUp()
+    warm_up.start()  # while the server is loaded
+    try:
+        from agents.studio.access import Access
+        from agents.studio.server import Studio, serve
+
+        access = Access(lan=given.lan)
+        runs = Path(given.runs)
+        locked = given.participant
+        made = Studio(folder, own_map, access, study, runs, warm_up, given.model, locked)
+        serve(made, given.port)
+    finally:
+        warm_up.close()
+    return 0
+
+
+def read(given: argparse.Namespace) -> int:
+    """Read every record of an experiment with its checksum, and list the participants."""
+    from agents.people.session import read_folder
+
+    people = read_folder(given.folder)[1]
+    rows, records = [one.row() for one in people], sum(one.records for one in people)
+    table = make_table("", columns_of("progress"), [rows]).text()
+    report_result(given, rows, f"{table}\n{count(records, 'record')}: every checksum is right")
+    return 0
+
+
+def remove(given: argparse.Namespace) -> int:
+    """Delete everything of a participant, after a confirmation."""
+    from agents.people.folder import delete
+
+    question = f"delete all data of participant {given.number} in {given.folder}? [y/N] "
+    try:
+        sure = given.yes or input(question).strip().lower() in ("y", "yes")
+    except EOFError:  # nobody is there to answer
+        sure = False
+    if not sure:
+        raise InputError("nothing was deleted; expected y, or --yes")
+    files = delete(Path(given.folder), given.number)
+    print(f"deleted {count(files, 'file')}; the number {given.number} is not used again")
+    return 0
+
+
+def report(given: argparse.Namespace) -> int:
+    """Compare the conditions of an experiment with participants."""
+    from agents.people.report import write_report
+
+    tables, page = write_report(given.folder, given.bom)
+    rows = {table.caption: [[cell.text for cell in row] for group in table.groups for row in group]
+            for table in tables}  # fmt: skip
+    text = "\n\n".join(f"{one.caption}\n{one.text()}\n{one.note}".rstrip() for one in tables)
+    report_result(given, rows, f"{text}\n\n{page}")
+    return 0
