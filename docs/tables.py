@@ -31,7 +31,7 @@ from agents.evaluation.provenance import without_outputs, write_text  # noqa: E4
 from agents.evaluation.statistics import mcnemar, mcnemar_p, ratio_interval, wilson  # noqa: E402
 from agents.evaluation.tables import markdown_table  # noqa: E402
 from agents.learning.weights import load_weights  # noqa: E402
-from agents.studies.evidence import ClaimVerdict  # noqa: E402
+from agents.studies.claims import ClaimVerdict  # noqa: E402
 from agents.studies.runner import STUDIES, count_verdicts, effect_text  # noqa: E402
 from wheelchair_gym.base.settings import InputError, read_json  # noqa: E402
 

@@ -1,4 +1,4 @@
-"""`wheelchair simulate`, `drive` and `deploy`: a simulated or a real chair drives."""
+"""`wheelchair simulate`, `drive`, `deploy`, `fit-driver`, `replay`: drives, and recorded ones."""
 
 from __future__ import annotations
 
@@ -27,7 +27,9 @@ from agents.deploy import Deployment, EventLog, check_start, late_steps, rearm, 
 from agents.deploy import deploy as deploy_policy
 from agents.evaluation.evaluate import drive_episode, env_settings, label, make_env
 from agents.people import is_shielded
-from agents.policies import make_policy
+from agents.people.replay import open_loop
+from agents.policies import GymPolicy, make_policy
+from agents.watch import Each, ignore
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs.settings import env_settings as complete_env_settings
 from wheelchair_gym.geometry.outline import best_clearance_heading
@@ -37,6 +39,8 @@ from wheelchair_gym.hardware.settings import HardwareSettings
 from wheelchair_gym.maps import FREE, OCCUPIED, MapWithWalls, read_any_map
 from wheelchair_gym.people.drivers import make_driver
 from wheelchair_gym.perception.localized_chair import unwrapped
+from wheelchair_gym.recording.replay import RecordedEpisode, read_recording, replay_env
+from wheelchair_gym.rendering.video import write_png, write_video
 from wheelchair_gym.safety.stops import active_stops
 from wheelchair_gym.types import Episode
 
@@ -44,7 +48,6 @@ from wheelchair_gym.types import Episode
 def simulate(given: argparse.Namespace) -> int:
     """Drive one episode and report it."""
     from wheelchair_gym.rendering.legend import scene_entries, with_legend
-    from wheelchair_gym.rendering.video import write_png, write_video
 
     check_assist(given)
     settings, name = env_of(given), given.policy
@@ -265,7 +268,6 @@ def fit(given: argparse.Namespace) -> int:
     """Fit a simulated person to recorded sessions of a real one, and print its settings."""
     from agents.people.fit_driver import fit_driver
     from agents.people.recorded_stick import session_of
-    from wheelchair_gym.recording.replay import read_recording
 
     sessions = []
     for file in given.logs:
@@ -341,3 +343,84 @@ def _episode(given: argparse.Namespace, footprint: Any) -> Episode:
             where = f"--goal {goal[0]:g},{goal[1]:g}"
             raise InputError(f"{where}: no heading is free of collisions on {given.map}")
     return Episode(grid, np.array(given.start), goal, walls, name=Path(given.map).stem)
+
+
+def replay(given: argparse.Namespace) -> int:
+    """Judge and draw recorded episodes again, or compare another policy with them; report."""
+    chapters = read_recording(given.file)
+    chosen = range(len(chapters)) if given.episode is None else [given.episode]
+    if given.episode is not None and given.episode >= len(chapters):
+        raise InputError(f"--episode {given.episode}: {given.file} has {len(chapters)}, from 0")
+    frames: list[Any] = []
+    records, lines = [], []
+    mode = "rgb_array" if given.video or given.picture or given.images else None
+    viewers, env, each = watch(given), None, ignore
+    try:
+        for number in chosen:
+            inner: Any = replay_env(chapters[number], mode)
+            if env is None or not viewers:
+                env, each = viewers.on(inner)
+            else:
+                env.env = inner  # one recording for all chapters
+            record = {"episode": number} | _again(chapters[number], env, each, given, frames)
+            if given.assist is not None:
+                record |= open_loop(chapters[number], spec(given.assist))
+            records.append(record)
+            line = (
+                f"episode {number}: {record['steps']} steps, reward {record['reward']:.4f}; "
+                f"{'the same' if record['same'] else 'OTHER'} rewards"
+            )
+            if given.policy:
+                line += f"; mean difference of {given.policy}'s action: {record['difference']:.3f}"
+            if given.assist is not None:
+                line += f"; {_said(given.assist, record)}"
+            lines.append(line)
+    finally:
+        if env is not None:
+            env.close()
+    if given.video:
+        write_video(given.video, frames, chapters[0].settings.rate)
+    if given.picture:
+        write_png(given.picture, frames[-1])
+    report(given, records, "\n".join(lines))
+    return 0 if all(record["same"] for record in records) else 1
+
+
+def _said(name: str, record: dict[str, Any]) -> str:
+    """Return the figures of `open_loop` in words."""
+    before, other = record["recorded"], record["other"]
+    angle, alike = record["difference_angle"], 100.0 * (1.0 - record["difference_share"])
+    answers = "the same, to the bit" if record["same_answers"] else f"alike for {alike:.0f} % of it"
+    beside = "" if angle is None else f", {np.degrees(angle):.1f} deg beside it on average"
+    shares = (100.0 * figures["intervention_share"] for figures in (other, before))
+    changes = "it changes the stick's twist for {:.0f} % of the time (recorded: {:.0f} %)"
+    return f"{name} answers {answers}{beside}; {changes.format(*shares)}"
+
+
+def _again(
+    chapter: RecordedEpisode, env: Any, each: Each, given: argparse.Namespace,
+    frames: list[Any],
+) -> dict[str, Any]:  # fmt: skip
+    """Judge an episode again; with a policy, compare its action at every step."""
+    observation, _ = env.reset(seed=0, options={"episode": chapter.episode})
+    policy = GymPolicy(make_policy(spec(given.policy)), env) if given.policy else None
+    if policy is not None:
+        policy.reset()
+    rewards, same, differences = 0.0, True, []
+    for action, verdict in zip(chapter.actions, chapter.verdicts, strict=True):
+        if policy is not None:
+            differences.append(np.abs(policy.act(observation) - np.clip(action, -1.0, 1.0)).mean())
+        if given.video:
+            frames.append(env.unwrapped.render())
+        each(env)
+        observation, reward, terminated, truncated, info = env.step(action)
+        terms = info["reward_terms"].items()  # a term that an older recording lacks must be 0
+        terms = {name: value for name, value in terms if name in verdict["terms"] or value != 0.0}
+        judged = {"reward": reward, "terms": terms}
+        judged |= {"terminated": terminated, "truncated": truncated}
+        same &= judged == verdict
+        rewards += reward
+    if given.video or given.picture:
+        frames.append(env.unwrapped.render())
+    record = {"steps": len(chapter.actions), "reward": rewards, "same": same}
+    return record | ({"difference": float(np.mean(differences))} if differences else {})

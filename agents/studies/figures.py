@@ -22,8 +22,7 @@ from agents.evaluation.plots import (
     new_panels,
 )
 from agents.evaluation.statistics import estimate, wilson
-from agents.studies import evidence
-from agents.studies.claims import fit_reading
+from agents.studies.claims import between, fit_reading
 from agents.studies.experiments import lab_problem, problem_of
 from agents.studies.model import LENGTH, NODES, RATIO, Metric, Results, Row
 from planners import make_planner
@@ -48,7 +47,7 @@ def gains(r: Results) -> list[dict[str, Any]]:
         change = {}
         for name in (*ours, ALL):
             a, b = (of if name == ALL else {name: of[name]} for of in (ours, theirs))
-            got = evidence.between(a, b, -1.0, 1.0, "", True)
+            got = between(a, b, -1.0, 1.0, "", True)
             change[name] = [round(value, 2) for value in (got.effect, got.low, got.high)]
         times = np.concatenate([*r.sample(row.label, r.study.metric("time_s")).values()])
         solved, runs = r.solved(row.label)

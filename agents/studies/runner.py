@@ -29,8 +29,7 @@ from agents.evaluation.tables import (
     make_table,
     write_page,
 )
-from agents.studies.claims import Claim, agreement
-from agents.studies.evidence import LEVEL, ClaimVerdict, no_evidence
+from agents.studies.claims import LEVEL, Claim, ClaimVerdict, agreement, no_evidence
 from agents.studies.experiments import kernel_key, measure
 from agents.studies.figures import FIGURES, gains, mean_interval
 from agents.studies.model import Metric, Results, Row, Study, published

@@ -11,7 +11,7 @@ import pytest
 
 from agents.cli import main
 from agents.studies import runner as module
-from agents.studies.evidence import Evidence
+from agents.studies.claims import Evidence
 from agents.studies.model import Results, published
 from agents.studies.runner import CLAIMS, STORE, STUDIES, VERDICTS, run_studies
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from agents.studies import evidence
-from agents.studies.evidence import ClaimVerdict
+from agents.studies import claims
+from agents.studies.claims import ClaimVerdict
 
 CLAIMS = 100
 
@@ -42,40 +42,40 @@ def shared_steps(slope, missing=np.nan, count=5):
 @pytest.mark.parametrize(
     ("found", "verdict"),
     [
-        (evidence.below(LESS, BASE, 0.01, ""), ClaimVerdict.HOLDS),
-        (evidence.below(MORE, BASE, 0.01, ""), ClaimVerdict.FAILS),
-        (evidence.below(SAME, BASE, 0.01, ""), ClaimVerdict.FAILS),  # surely no difference worth it
-        (evidence.above(MORE, BASE, 0.01, ""), ClaimVerdict.HOLDS),
-        (evidence.above(LESS, BASE, 0.01, ""), ClaimVerdict.FAILS),
-        (evidence.between(SAME, BASE, -0.01, 0.01, ""), ClaimVerdict.HOLDS),
-        (evidence.between(LESS, BASE, -0.01, 0.01, ""), ClaimVerdict.FAILS),
-        (evidence.between(LESS, BASE, -0.08, -0.02, ""), ClaimVerdict.HOLDS),
-        (evidence.between(LESS, BASE, -0.20, -0.10, ""), ClaimVerdict.FAILS),
-        (evidence.falls(*steps(-1.0), 0.01, ""), ClaimVerdict.HOLDS),
-        (evidence.falls(*steps(1.0), 0.01, ""), ClaimVerdict.FAILS),
-        (evidence.falls(*steps(0.0), 0.02, ""), ClaimVerdict.FAILS),
-        (evidence.rises(*steps(1.0), 0.01, ""), ClaimVerdict.HOLDS),
-        (evidence.rises(*steps(-1.0), 0.01, ""), ClaimVerdict.FAILS),
-        (evidence.level(*steps(0.0), 0.02, ""), ClaimVerdict.HOLDS),
-        (evidence.level(*steps(2.0), 0.02, ""), ClaimVerdict.FAILS),
-        (evidence.paired_below(PAIRS - 2.0 + NOISE, PAIRS, 0.005, ""), ClaimVerdict.HOLDS),
-        (evidence.paired_below(PAIRS + 2.0 + NOISE, PAIRS, 0.005, ""), ClaimVerdict.FAILS),
-        (evidence.paired_below(PAIRS + NOISE, PAIRS, 0.01, ""), ClaimVerdict.FAILS),
+        (claims.below(LESS, BASE, 0.01, ""), ClaimVerdict.HOLDS),
+        (claims.below(MORE, BASE, 0.01, ""), ClaimVerdict.FAILS),
+        (claims.below(SAME, BASE, 0.01, ""), ClaimVerdict.FAILS),  # surely no difference worth it
+        (claims.above(MORE, BASE, 0.01, ""), ClaimVerdict.HOLDS),
+        (claims.above(LESS, BASE, 0.01, ""), ClaimVerdict.FAILS),
+        (claims.between(SAME, BASE, -0.01, 0.01, ""), ClaimVerdict.HOLDS),
+        (claims.between(LESS, BASE, -0.01, 0.01, ""), ClaimVerdict.FAILS),
+        (claims.between(LESS, BASE, -0.08, -0.02, ""), ClaimVerdict.HOLDS),
+        (claims.between(LESS, BASE, -0.20, -0.10, ""), ClaimVerdict.FAILS),
+        (claims.falls(*steps(-1.0), 0.01, ""), ClaimVerdict.HOLDS),
+        (claims.falls(*steps(1.0), 0.01, ""), ClaimVerdict.FAILS),
+        (claims.falls(*steps(0.0), 0.02, ""), ClaimVerdict.FAILS),
+        (claims.rises(*steps(1.0), 0.01, ""), ClaimVerdict.HOLDS),
+        (claims.rises(*steps(-1.0), 0.01, ""), ClaimVerdict.FAILS),
+        (claims.level(*steps(0.0), 0.02, ""), ClaimVerdict.HOLDS),
+        (claims.level(*steps(2.0), 0.02, ""), ClaimVerdict.FAILS),
+        (claims.paired_below(PAIRS - 2.0 + NOISE, PAIRS, 0.005, ""), ClaimVerdict.HOLDS),
+        (claims.paired_below(PAIRS + 2.0 + NOISE, PAIRS, 0.005, ""), ClaimVerdict.FAILS),
+        (claims.paired_below(PAIRS + NOISE, PAIRS, 0.01, ""), ClaimVerdict.FAILS),
         # Runs that share most of their chance: compared run by run.
-        (evidence.below(SHORTER, PAIRED, 0.001, "", True), ClaimVerdict.HOLDS),
-        (evidence.below(LONGER, PAIRED, 0.001, "", True), ClaimVerdict.FAILS),
-        (evidence.above(LONGER, PAIRED, 0.001, "", True), ClaimVerdict.HOLDS),
-        (evidence.below(SHORTER, PAIRED, 0.001, ""), ClaimVerdict.OPEN),
-        (evidence.rises(*shared_steps(0.2), 0.001, "", True), ClaimVerdict.HOLDS),
-        (evidence.falls(*shared_steps(0.2), 0.001, "", True), ClaimVerdict.FAILS),
-        (evidence.rises(*shared_steps(0.2, 100.0), 0.001, ""), ClaimVerdict.OPEN),
-        (evidence.level(*shared_steps(0.0), 0.005, "", True), ClaimVerdict.HOLDS),
-        (evidence.spread_below({"": NOISE}, {"": 2 * NOISE[::-1]}, 0.05, ""), ClaimVerdict.HOLDS),
-        (evidence.spread_below({"": 2 * NOISE}, {"": NOISE[::-1]}, 0.05, ""), ClaimVerdict.FAILS),
-        (evidence.share_above(495, 500, 0.95, ""), ClaimVerdict.HOLDS),
-        (evidence.share_above(400, 500, 0.95, ""), ClaimVerdict.FAILS),
-        (evidence.below(ONE, TWO, 0.01, ""), ClaimVerdict.HOLDS),
-        (evidence.below(TWO, TWO, 0.01, ""), ClaimVerdict.FAILS),
+        (claims.below(SHORTER, PAIRED, 0.001, "", True), ClaimVerdict.HOLDS),
+        (claims.below(LONGER, PAIRED, 0.001, "", True), ClaimVerdict.FAILS),
+        (claims.above(LONGER, PAIRED, 0.001, "", True), ClaimVerdict.HOLDS),
+        (claims.below(SHORTER, PAIRED, 0.001, ""), ClaimVerdict.OPEN),
+        (claims.rises(*shared_steps(0.2), 0.001, "", True), ClaimVerdict.HOLDS),
+        (claims.falls(*shared_steps(0.2), 0.001, "", True), ClaimVerdict.FAILS),
+        (claims.rises(*shared_steps(0.2, 100.0), 0.001, ""), ClaimVerdict.OPEN),
+        (claims.level(*shared_steps(0.0), 0.005, "", True), ClaimVerdict.HOLDS),
+        (claims.spread_below({"": NOISE}, {"": 2 * NOISE[::-1]}, 0.05, ""), ClaimVerdict.HOLDS),
+        (claims.spread_below({"": 2 * NOISE}, {"": NOISE[::-1]}, 0.05, ""), ClaimVerdict.FAILS),
+        (claims.share_above(495, 500, 0.95, ""), ClaimVerdict.HOLDS),
+        (claims.share_above(400, 500, 0.95, ""), ClaimVerdict.FAILS),
+        (claims.below(ONE, TWO, 0.01, ""), ClaimVerdict.HOLDS),
+        (claims.below(TWO, TWO, 0.01, ""), ClaimVerdict.FAILS),
     ],
 )
 def test_what_is_plain_is_told(found, verdict):
@@ -84,7 +84,7 @@ def test_what_is_plain_is_told(found, verdict):
 
 
 @pytest.mark.parametrize(
-    "judge", [evidence.below, evidence.above, lambda a, b, m, s: evidence.between(a, b, -m, m, s)]
+    "judge", [claims.below, claims.above, lambda a, b, m, s: claims.between(a, b, -m, m, s)]
 )
 def test_what_is_not_plain_cannot_be_told(judge):
     few, other = sample(99.0, 20.0, 5, 7), sample(100.0, 20.0, 5, 8)
@@ -95,7 +95,7 @@ def test_what_is_not_plain_cannot_be_told(judge):
 
 
 def test_trends_of_noise_cannot_be_told():
-    for judge in (evidence.falls, evidence.rises, evidence.level):
+    for judge in (claims.falls, claims.rises, claims.level):
         assert of(judge(*steps(0.2, 40.0, 6), 0.01, "")) == ClaimVerdict.OPEN
 
 
@@ -103,19 +103,19 @@ def test_true_nothing_is_seldom_called_something():
     wrong = 0
     for seed in range(300):
         a, b = sample(100.0, 5.0, 30, 2 * seed), sample(100.0, 5.0, 30, 2 * seed + 1)
-        wrong += evidence.below(a, b, 0.0, "").verdict(1) == ClaimVerdict.HOLDS
+        wrong += claims.below(a, b, 0.0, "").verdict(1) == ClaimVerdict.HOLDS
     assert wrong / 300 < 0.06  # 2.5 % expected
 
 
 def test_all_must_hold_and_one_failure_is_enough():
-    good, bad = evidence.below(LESS, BASE, 0.01, ""), evidence.below(MORE, BASE, 0.01, "")
-    open_ = evidence.no_evidence("too few")
-    assert of(evidence.all_of([good, good], "")) == ClaimVerdict.HOLDS
-    assert of(evidence.all_of([good, bad], "")) == ClaimVerdict.FAILS
-    assert of(evidence.all_of([good, open_], "")) == ClaimVerdict.OPEN
+    good, bad = claims.below(LESS, BASE, 0.01, ""), claims.below(MORE, BASE, 0.01, "")
+    open_ = claims.no_evidence("too few")
+    assert of(claims.all_of([good, good], "")) == ClaimVerdict.HOLDS
+    assert of(claims.all_of([good, bad], "")) == ClaimVerdict.FAILS
+    assert of(claims.all_of([good, open_], "")) == ClaimVerdict.OPEN
 
 
 def test_more_claims_ask_for_more():
-    found = evidence.below(sample(99.3, 3.0, 40, 5), sample(100.0, 3.0, 40, 6), 0.001, "")
+    found = claims.below(sample(99.3, 3.0, 40, 5), sample(100.0, 3.0, 40, 6), 0.001, "")
     assert found.verdict(1) == ClaimVerdict.HOLDS
     assert found.verdict(10_000) == ClaimVerdict.OPEN
