@@ -9,15 +9,12 @@ import pytest
 
 from agents.cli.lists import all_settings, settings_rows
 from agents.cli.options import POSES
-from agents.learning.settings import Training
 from planners.rrt_star_woa.path_shortening import RrtStarWoaGlobal
 from tests.configs import SINGLE
 from wheelchair_gym.base.settings import InputError, dump, load, read, setting_docs, with_values
 from wheelchair_gym.envs.guidance import PoseGuidance
 from wheelchair_gym.envs.settings import EnvSettings
-from wheelchair_gym.geometry.kinematics import Limits
-from wheelchair_gym.maps.cost_to_go import CostToGoSettings
-from wheelchair_gym.sensors.settings import POSE_SOURCES, SensorSettings
+from wheelchair_gym.sensors.settings import POSE_SOURCES
 from wheelchair_gym.sim.settings import ChairSettings
 
 
@@ -34,47 +31,6 @@ def test_a_part_keeps_the_defaults_that_it_has_where_it_stands():
     default = RrtStarWoaGlobal()
     assert planner.tree == dataclasses.replace(default.tree, step=2.0)
     assert planner.whales == dataclasses.replace(default.whales, a=3.0)
-
-
-@pytest.mark.parametrize(
-    ("cls", "data", "message"),
-    [
-        (Limits, {"forward": True}, "chair.json.forward is True; expected float"),
-        (SensorSettings, {"laser": 3}, r"chair.json.laser is 3; expected an object"),
-        (SensorSettings, {"ultrasonic": {"mounted": [{}] * 11}}, "mounted has 11 rangers"),
-        (SensorSettings, {"laser": {"beams": 1}}, "expected 2 or more, or 0: no scanner"),
-        (SensorSettings, {"more_lasers": [{}] * 4}, "more_lasers has 4 scanners"),
-        (SensorSettings, {"laser": {"beams": 0}, "more_lasers": [{}]}, "expected beams of each"),
-        (SensorSettings, {"laser": {"beams": 0}, "pose_source": "mcl"}, "it needs a laser"),
-        (ChairSettings, {"random": {"mass": [1]}}, "chair.json.random.mass has 1 values"),
-        (ChairSettings, {"body": {"centre_of_mass": 0.49}}, "must lie behind the casters"),
-        (CostToGoSettings, {"cell": 0.001}, "cell is 0.001; it must be at least"),
-        (ChairSettings, [1], "chair.json: expected an object with keys, got list"),
-    ],
-)
-def test_what_is_wrong_is_named_in_one_line(cls, data, message):
-    with pytest.raises(InputError, match=message):
-        load(cls, data, "chair.json")
-
-
-@pytest.mark.parametrize(
-    ("cls", "data", "near"),
-    [
-        (EnvSettings, {"pose_source": "mcl"}, "did you mean sensors.pose_source?"),
-        (EnvSettings, {"task": {"pose_source": "mcl"}}, "did you mean sensors.pose_source?"),
-        (EnvSettings, {"sensors": {"rate": 5.0}}, "did you mean rate at the top level?"),
-        (EnvSettings, {"stop_margin": 0.1}, "did you mean shield.stop_margin?"),
-        (EnvSettings, {"beams": 64}, "did you mean sensors.laser.beams or task.beams?"),
-        (Training, {"scene": "clutter"}, "did you mean env.scene?"),
-        (Training, {"env": {"noise": False}}, "did you mean env.sensors.noise?"),
-        (Training, {"env": {"n_steps": 8}}, "did you mean on_policy.n_steps?"),
-        (EnvSettings, {"sensors": {"noize": False}}, "did you mean noise?"),
-    ],
-)
-def test_a_key_in_the_wrong_place_is_told_where_it_belongs(cls, data, near):
-    with pytest.raises(InputError) as caught:
-        load(cls, data, "some.json")
-    assert str(caught.value).endswith(near)
 
 
 def test_files_that_cannot_be_read_are_named(tmp_path):

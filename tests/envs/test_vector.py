@@ -344,22 +344,6 @@ def test_what_is_seen_and_rewarded_leaves_kept_worlds_as_they_are(task, others, 
     assert len(list(tmp_path.iterdir())) == 1 + others
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"num_envs": 0}, "num_envs is 0; expected at least 1"),
-        ({"num_threads": 0}, "num_threads is 0; expected at least 1"),
-        ({"split": ["test"]}, r"split is \['test'\]; expected train or test"),
-        ({"render_mode": "human"}, "render_mode is 'human'; expected rgb_array or None"),
-        ({"autoreset_mode": "Sometimes"}, "Sometimes; expected NextStep or SameStep or Disabled"),
-        ({"bank": -1}, r"BankSettings.size is -1; it must be at least 0"),
-    ],
-)
-def test_wrong_arguments_are_refused_by_name(arguments, message):
-    with pytest.raises(wheelchair_gym.InputError, match=message):
-        NavigationVectorEnv(**arguments)
-
-
 def test_wrong_actions_and_seeds_are_refused():
     env = NavigationVectorEnv(2, **QUICK)
     with pytest.raises(gym.error.ResetNeeded):

@@ -1,7 +1,6 @@
 """map_server files, and polygons from pixels."""
 
 import contextlib
-import re
 
 import cv2
 import numpy as np
@@ -75,35 +74,6 @@ def test_what_is_transparent_is_never_free(tmp_path, mode, negate):
     np.testing.assert_array_equal(
         cells[-1:], maps.read_map(file).cells
     )  # as without a fourth channel
-
-
-@pytest.mark.parametrize(
-    ("changes", "says"),
-    [
-        *(({key: None}, f"{key} is missing") for key in KEYS if key != "free_thresh"),
-        ({"resolution": 0}, "resolution is 0"),
-        ({"resolution": ".nan"}, "resolution is nan"),
-        ({"resolution": "fine"}, "resolution is 'fine'"),
-        ({"origin": "[1.0]"}, "origin is"),
-        ({"origin": "[1.0, .inf, 0]"}, "origin is"),
-        ({"origin": "here"}, "origin is 'here'"),
-        ({"negate": 3}, "negate is 3"),
-        ({"mode": "fuzzy"}, "mode is 'fuzzy'"),
-        ({"free_thresh": 0.7}, "free_thresh is 0.7"),
-        ({"occupied_thresh": 65}, "occupied_thresh is 65"),
-        ({"image": 7}, "image is 7"),
-        ({"image": "none.pgm"}, "image is 'none.pgm'; there is no file '"),
-        ({"image": "maps/none.pgm"}, "image is 'maps/none.pgm'; there is no file '"),
-        ({"image": ".", "mode": "raw"}, "cannot be read (not a regular file)"),
-        ({"resolution": "1_0"}, "resolution is '1_0'"),
-        ({"resolution": "1:30"}, "resolution is '1:30'"),
-        ({"resolution": 9 * "123"}, "needs more than 64 bits"),
-        ({"image": "[a"}, "line 2: not YAML"),
-    ],
-)
-def test_nonsense_is_one_line_that_names_file_and_key(tmp_path, changes, says):
-    with pytest.raises(InputError, match=re.escape(str(tmp_path)) + f".*{re.escape(says)}"):
-        maps.read_map(put(tmp_path, **changes))
 
 
 PLAIN = "".join(f"{key}: {value}\n" for key, value in (KEYS | {"mode": "trinary"}).items())

@@ -1,11 +1,9 @@
 """Laws of simulated people: what they give follows from settings, seed and chair."""
 
-import re
-
 import numpy as np
 import pytest
 
-from wheelchair_gym.base.settings import InputError, dump
+from wheelchair_gym.base.settings import dump
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.geometry.outline import signed_clearance, signed_gap
 from wheelchair_gym.geometry.planar import to_frame
@@ -49,23 +47,6 @@ def test_each_is_made_and_stored(name):
     assert np.abs(signals).max() <= 1.0
     person = constants_of(made, ChairSettings(), SensorSettings(), 0.1)[0]
     assert person["n_signals"] == len(signals)
-
-
-@pytest.mark.parametrize(
-    ("spec", "text"),
-    [
-        ("exprt", "did you mean expert?"),
-        ({"name": "expert", "hand": {"tremor": 2.0}}, "it must be at least 0.0 and at most 1.0"),
-        ({"name": "expert", "hnd": {}}, "did you mean hand?"),
-        ({"name": "expert", "interface": {"kind": "stik"}}, "did you mean stick?"),
-        ({"name": "expert", "interface": {"kind": "switches", "directions": 5}}, "one of 4, 8"),
-        ({"name": "expert", "interface": 3}, "expected an object with a kind"),
-        (7, "expected a name"),
-    ],
-)
-def test_wrong_settings_are_told_in_one_line(spec, text):
-    with pytest.raises(InputError, match=re.escape(text)):
-        make_driver(spec)
 
 
 def test_another_interface_has_the_rest_of_the_person():

@@ -11,7 +11,6 @@ import pytest
 from tests.copies import same_fields
 from tests.sim.worlds import box
 from wheelchair_gym.actors.records import NOBODY, combine, door, person
-from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.geometry.kinematics import Limits
 from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.geometry.planar import to_frame
@@ -152,22 +151,6 @@ def test_at_50_hertz_it_creeps_onto_no_rib(depth, key, place):
     for _ in range(450):
         reading = step(chair, shield, AHEAD, reading)
         assert not chair.truth.at_fault
-
-
-@pytest.mark.parametrize(
-    ("chair", "period", "told"),
-    [
-        (ChairSettings(body=BodySettings(friction=0.05)), 0.1, "brake with 1.80"),
-        (ChairSettings(body=BodySettings(mass=400.0)), 0.1, "reaches 1.31"),
-        (ChairSettings(body=BodySettings(friction=0.28)), 0.1, "in a curve"),
-        (ChairSettings(limits=Limits(deceleration=4.0)), 0.1, "brake with 4.80"),
-        (ChairSettings(), 1.0, "4 to 100 Hz"),
-        (ChairSettings(), 0.005, "4 to 100 Hz"),
-    ],
-)
-def test_a_chair_that_cannot_brake_as_its_limits_say_is_refused(chair, period, told):
-    with pytest.raises(InputError, match=told):
-        Shield(chair=chair, period=period)
 
 
 @pytest.mark.parametrize("mass", [20.0, 60.0, 270.0])

@@ -8,7 +8,7 @@ from agents.control.followers import Objective
 from agents.control.local_map import LocalMap, sampled_walls, voxel_means
 from agents.policies import make_policy
 from tests.agents.fakes import PaperWorld, corridor
-from wheelchair_gym.base.settings import InputError, record_of
+from wheelchair_gym.base.settings import record_of
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.geometry.kinematics import Limits
 from wheelchair_gym.geometry.outline import Footprint, clearance_to_points, footprint_clearance
@@ -259,22 +259,3 @@ def test_a_policy_is_slowed_as_the_shield_of_its_own_chair_would(chair, shield):
         slowed = local_map.limit_for_unseen_space(twists, motion)
         np.testing.assert_array_equal(slowed, same.limit_for_unseen_space(twists, motion))
         assert (slowed != twists).any()
-
-
-@pytest.mark.parametrize(
-    ("spec", "said"),
-    [
-        ("nowhere", "known: assisted, explore, manual, ppo_goal, ppo_guided, random, straight"),
-        (f"{PLANNER}+nobody", "known"),
-        ({"name": "straight", "gian": 1.0}, "gian"),
-        ({"seed": 1}, "name"),
-        (7, "policy"),
-        ({"name": "assisted", "assist": "slid"}, "did you mean slide?"),
-        ({"name": "assisted", "assist": {"name": "slide", "latancy": 1.0}}, "did you mean latency"),
-        ({"name": "assisted", "assist": 3}, "expected a name"),
-        ({"name": "a_star+whales", "follower": {"whales": {"population": 0}}}, "whales"),
-    ],
-)
-def test_wrong_policies_are_named(spec, said):
-    with pytest.raises(InputError, match=said):
-        make_policy(spec)

@@ -1,0 +1,94 @@
+"""What is wrong is refused in one line that names it; the inputs stand in refusals.yaml."""
+
+import re
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import yaml
+
+from agents.evaluation.tuning import read_range
+from agents.learning.settings import Training
+from agents.policies import make_policy
+from planners.problem_files import read_problems
+from planners.rrt_star_woa import thesis
+from tests.conftest import ROOT
+from tests.maps import test_files, test_importers
+from tests.maps.test_importers import put
+from tests.planners.test_problems import GOOD
+from tests.planners.test_thesis import FIGURE
+from tests.scenes.test_scenes import WORLDS
+from wheelchair_gym import maps
+from wheelchair_gym.base.settings import InputError, load
+from wheelchair_gym.envs import EnvSettings, NavigationVectorEnv
+from wheelchair_gym.geometry.kinematics import Limits
+from wheelchair_gym.maps.cost_to_go import CostToGoSettings
+from wheelchair_gym.people.drivers import make_driver
+from wheelchair_gym.safety import Shield
+from wheelchair_gym.scenes import make_scene
+from wheelchair_gym.sensors.settings import SensorSettings
+from wheelchair_gym.sim.settings import ChairSettings
+
+REFUSALS = yaml.safe_load((ROOT / "tests" / "laws" / "refusals.yaml").read_text())
+SETTINGS = ChairSettings, CostToGoSettings, EnvSettings, Limits, SensorSettings, Training
+CLASSES = {cls.__name__: cls for cls in SETTINGS}
+
+
+def changed(right, change):
+    return {key: value for key, value in (right | change).items() if value != "(absent)"}
+
+
+def replaced(right, change):
+    return "" if change is None else right.replace(*change, 1)
+
+
+def sample(spec):
+    return make_scene(spec).sample(np.random.default_rng(0))
+
+
+def sample_barn(file):
+    return sample({"name": "barn", "path": str(file)})
+
+
+# Each makes something of a value; files are written to a folder.
+MAKERS = {
+    "policy": lambda value, _: make_policy(value),
+    "driver": lambda value, _: make_driver(value),
+    "scene": lambda value, _: make_scene(value),
+    "world": lambda value, _: sample(value),
+    "environment": lambda value, _: gym.make("wheelchair_gym/Navigation-v1", **value).reset(seed=0),
+    "environments": lambda value, _: NavigationVectorEnv(**value),
+    "settings": lambda value, _: load(CLASSES[value[0]], value[1], "file.json"),
+    "shield": lambda value, _: Shield(
+        chair=load(ChairSettings, value[0], "chair"), period=value[1]
+    ),
+    "range": lambda value, _: read_range(value),
+    "map": lambda value, folder: maps.read_map(test_files.put(folder, **value)),
+    "octile": lambda value, folder: maps.read_moving_ai_map(
+        put(folder, "bad.map", replaced(test_importers.OCTILE, value))
+    ),
+    "thesis": lambda value, folder: thesis.read_thesis(
+        put(folder, "figure.json", replaced(FIGURE, value))
+    ),
+    "house": lambda value, folder: maps.read_house(
+        put(folder, "bad.json", changed(test_importers.HOUSE, value))
+    ),
+    "problem": lambda value, folder: read_problems(
+        put(folder, "problems.json", [GOOD, changed(GOOD, value)])
+    ),
+    "barn": lambda value, folder: sample_barn(
+        put(folder, "worlds.json", [changed(WORLDS[0], value)])
+    ),
+    "no problems": lambda value, folder: read_problems(put(folder, "problems.json", value)),
+    "no worlds": lambda value, folder: sample_barn(put(folder, "worlds.json", value)),
+}
+
+
+@pytest.mark.parametrize(
+    ("kind", "value", "words"), [(kind, *row) for kind, rows in REFUSALS.items() for row in rows]
+)
+def test_what_is_wrong_is_refused_in_one_line_that_names_it(kind, value, words, tmp_path):
+    parts, end = words.removesuffix("$").split(" ... "), words.endswith("$") * "$"
+    with pytest.raises(InputError, match=".*".join(map(re.escape, parts)) + end) as caught:
+        MAKERS[kind](value, tmp_path)
+    assert kind != "map" or str(tmp_path) in str(caught.value)
