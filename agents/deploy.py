@@ -28,14 +28,14 @@ from wheelchair_gym.base.settings import InputError, setting, settings
 from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.geometry.planar import wrap, wrap_angle
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid
-from wheelchair_gym.perception.likelihood_field import (
+from wheelchair_gym.perception.localized_chair import unwrapped
+from wheelchair_gym.perception.monte_carlo import (
     LikelihoodField,
+    LocalizationSettings,
     hill_climb,
     log_likelihood,
     make_likelihood_field,
 )
-from wheelchair_gym.perception.localized_chair import unwrapped
-from wheelchair_gym.perception.monte_carlo import LocalizationSettings
 from wheelchair_gym.perception.occupancy import Scan, read_scan
 from wheelchair_gym.safety.stops import StopMonitor, active_stops, advice_for, shield_message
 from wheelchair_gym.sensors.settings import LaserSettings

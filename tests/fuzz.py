@@ -626,7 +626,7 @@ READERS: dict[str, Reader] = {
     "model of stable-baselines3": Reader(
         _sb3_model, _algorithm, ("policies.sb3._algorithm",), flipped
     ),
-    "house": Reader(_house, _use_map, ("maps.io.house_expo.read_house",)),
+    "house": Reader(_house, _use_map, ("maps.io.floor_plan.read_house",)),
     "barn worlds": Reader(_barn, _use_barn, ("scenes.barn._worlds",)),
     "problems": Reader(_problems, _use_problems, ("problem_files.read_problems",)),
     "thesis settings": Reader(

@@ -17,7 +17,7 @@ from wheelchair_gym.base.registry import Registry, imported, places_in
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
 from wheelchair_gym.scenes import make_scene
-from wheelchair_gym.task.custom_reward import make_reward
+from wheelchair_gym.task.rewards import make_reward
 
 SOURCE = """
 import numpy as np

@@ -11,7 +11,7 @@ from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.geometry.planar import wrap
 from wheelchair_gym.maps import OCCUPIED
-from wheelchair_gym.perception.likelihood_field import make_likelihood_field
+from wheelchair_gym.perception.monte_carlo import make_likelihood_field
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sim.chair import SimulatedChair

@@ -11,8 +11,8 @@ import pytest
 from tests.conftest import ROOT
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
 from wheelchair_gym.maps import Geodesic
-from wheelchair_gym.task.custom_reward import compiled_rewards
 from wheelchair_gym.task.prepared_episode import PreparedEpisode
+from wheelchair_gym.task.rewards import compiled_rewards
 from wheelchair_gym.types import Episode
 
 QUICK = {"scene": "clutter", "beams": 8}

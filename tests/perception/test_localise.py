@@ -12,9 +12,13 @@ from agents.policies import GymPolicy, make_policy
 from wheelchair_gym import InputError
 from wheelchair_gym.geometry.planar import to_world, wrap, wrap_angle
 from wheelchair_gym.maps import OccupancyGrid
-from wheelchair_gym.perception.likelihood_field import log_likelihood, make_likelihood_field
 from wheelchair_gym.perception.localized_chair import LocalizedChair
-from wheelchair_gym.perception.monte_carlo import LocalizationSettings, MonteCarloLocalizer
+from wheelchair_gym.perception.monte_carlo import (
+    LocalizationSettings,
+    MonteCarloLocalizer,
+    log_likelihood,
+    make_likelihood_field,
+)
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sim.chair import SimulatedChair

@@ -38,10 +38,9 @@ from wheelchair_gym.perception.localized_chair import LocalizedChair, unwrapped
 from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.safety.shield import Shield
 from wheelchair_gym.sim.chair import SimulatedChair
-from wheelchair_gym.task.custom_reward import as_record, checked, make_reward
 from wheelchair_gym.task.observations import observation_table
 from wheelchair_gym.task.prepared_episode import PreparedEpisode
-from wheelchair_gym.task.rewards import reward_table
+from wheelchair_gym.task.rewards import as_record, checked, make_reward, reward_table
 from wheelchair_gym.task.task import Observation, Task
 from wheelchair_gym.types import Chair, Episode, Mission, Reading, Shown, Stick
 
@@ -138,7 +137,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
                   of the chair's outline, with headings, at plan times), 'module:function' or a
                   callable that gives a path from a task;
                 - reward: what gives the reward in place of the weighted terms: 'module:function' or
-                  a callable (`wheelchair_gym.task.custom_reward`);
+                  a callable (`wheelchair_gym.task.rewards`);
                 - noise: false makes every sensor exact;
                 - randomize: true draws mass, friction and motor gain anew for each episode;
                 - bank: how many worlds episodes share, or a mapping of size, turnover and seed; 0:

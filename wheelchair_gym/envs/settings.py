@@ -57,7 +57,7 @@ class EnvSettings:
     'call'."""
     reward: Any = setting(default=None)
     """Source of the reward: none (the weighted terms of task.reward), or 'module:function' or a
-    callable, see `wheelchair_gym.task.custom_reward`. Recordings and reports keep the terms."""
+    callable, see `wheelchair_gym.task.rewards`. Recordings and reports keep the terms."""
     bank: BankSettings = BankSettings()
     starts_within: float = setting(default=0.0, unit="s", low=0.0)
     """Largest plan time from the start to the goal; 0: episodes begin at the scene's start."""

@@ -48,8 +48,8 @@ from wheelchair_gym.safety.shield import SHIELDS, point_to_shields
 from wheelchair_gym.safety.state import SHIELD, ShieldConstants
 from wheelchair_gym.sim.chairs import SimulatedChairs, size_workspace
 from wheelchair_gym.task.assessment import PROGRESS
-from wheelchair_gym.task.custom_reward import compiled_rewards, make_reward
 from wheelchair_gym.task.prepared_episode import PREPARED, PreparedEpisode
+from wheelchair_gym.task.rewards import compiled_rewards, make_reward
 from wheelchair_gym.task.task import Observation, Task
 from wheelchair_gym.types import Episode
 

@@ -10,8 +10,12 @@ from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.files import LIMITS, read_json
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.maps.grid import OccupancyGrid
-from wheelchair_gym.maps.io.floor_plan import IMAGES, polygons_map, read_floor_plan_image
-from wheelchair_gym.maps.io.house_expo import read_house
+from wheelchair_gym.maps.io.floor_plan import (
+    IMAGES,
+    polygons_map,
+    read_floor_plan_image,
+    read_house,
+)
 from wheelchair_gym.maps.io.map_server import read_map
 from wheelchair_gym.maps.io.moving_ai import read_moving_ai_map
 
