@@ -44,7 +44,7 @@ from agents.people.chain import Chain, read_chain
 from agents.people.folder import current_protocol, read_protocol
 from agents.policies import make_policy
 from agents.policies.sb3 import _algorithm
-from agents.studies.thesis import problem_of
+from agents.studies.plan_pictures import problem_of
 from agents.studio.drawing import loaded
 from planners import PLANNERS, Problem, Space, make_planner
 from planners.problem_files import read_problems

@@ -15,9 +15,16 @@ import numpy as np
 
 from agents.benchmarks.entrants import small_problem
 from agents.cli.arguments import changed, report, spec
-from agents.studies.plan_pictures import RATE, SHORTENS, STEERS, PlanPictures
-from agents.studies.thesis import Drawn, controls_of, describe
-from agents.studies.thesis import problem_of as thesis_problem
+from agents.studies.plan_pictures import (
+    RATE,
+    SHORTENS,
+    STEERS,
+    Drawn,
+    PlanPictures,
+    controls_of,
+    describe,
+)
+from agents.studies.plan_pictures import problem_of as thesis_problem
 from planners import PLANNERS, Plan, Problem, Space, Status, make_planner
 from planners.graphs.visibility import Visibility, optima
 from planners.judge import plan_faults

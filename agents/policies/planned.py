@@ -31,8 +31,7 @@ from agents.control.unknown_space import MAP_MARGIN, blind_behind
 from agents.policies import Policy, recoveries
 from agents.policies.planning import Planning, Thinking
 from agents.policies.scripted import episode_rng
-from agents.policies.search import Answer, Search
-from agents.policies.surroundings import CRAWL, Surroundings
+from agents.policies.search import CRAWL, Answer, Search, Surroundings
 from planners import make_planner
 from planners.problem import Plan, Status
 from wheelchair_gym.base.arrays import Array

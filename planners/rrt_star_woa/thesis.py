@@ -1,7 +1,7 @@
 """The thesis's settings: its figure 3.1, and files of that format, for our planners and maps.
 
-Trailing commas are allowed, as in the figure. `agents.studies.thesis` makes maps, pictures and
-films of the other keys.
+Trailing commas are allowed, as in the figure. `agents.studies.plan_pictures` makes maps,
+pictures and films of the other keys.
 """
 
 from __future__ import annotations

@@ -10,8 +10,7 @@ import shapely
 from PIL import Image, ImageDraw
 
 from agents.cli import main
-from agents.studies.plan_pictures import PlanPictures
-from agents.studies.thesis import controls_of, problem_of
+from agents.studies.plan_pictures import PlanPictures, controls_of, problem_of
 from planners import Status, make_planner
 from planners.judge import Judge
 from planners.rrt_star_woa import thesis
