@@ -26,7 +26,7 @@ from wheelchair_gym.maps import FREE  # noqa: E402
 from wheelchair_gym.rendering import palette  # noqa: E402
 from wheelchair_gym.rendering.video import write_video  # noqa: E402
 from wheelchair_gym.scenes import make_scene  # noqa: E402
-from wheelchair_gym.scenes.poses import FOOTPRINT  # noqa: E402
+from wheelchair_gym.scenes.arena import FOOTPRINT  # noqa: E402
 from wheelchair_gym.scenes.skill import COURSES  # noqa: E402
 
 FOLDER = ROOT / "docs" / "images"

@@ -14,8 +14,7 @@ import numpy as np
 from wheelchair_gym.actors.records import Actor, combine, door
 from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.geometry.planar import polygon_edges, to_world
-from wheelchair_gym.scenes.arena import make_arena
-from wheelchair_gym.scenes.poses import FOOTPRINT
+from wheelchair_gym.scenes.arena import FOOTPRINT, make_arena
 from wheelchair_gym.types import Episode
 
 SIDE: Final = 9.0  # m

@@ -10,7 +10,7 @@ import numpy as np
 from wheelchair_gym.actors import records
 from wheelchair_gym.geometry.planar import path_length
 from wheelchair_gym.maps import OCCUPIED, bottleneck, geodesic
-from wheelchair_gym.scenes import Scene, arena, crowd, floor_plan, pedestrians, poses
+from wheelchair_gym.scenes import Scene, arena, crowd, floor_plan, pedestrians
 from wheelchair_gym.types import Episode
 
 
@@ -45,8 +45,8 @@ def _figures(scene: Scene, rng: np.random.Generator) -> dict[str, Any]:
         episode = scene.sample(rng)
     start, goal = episode.start[:2], episode.goal[:2]
     figures: dict[str, Any] = {
-        "way [m]": geodesic(episode.map, goal, poses.passing_radius(poses.FOOTPRINT)).at(start),
-        "bottleneck margin [m]": bottleneck(episode.map, start, goal) - poses.FOOTPRINT.half_width,
+        "way [m]": geodesic(episode.map, goal, arena.passing_radius(arena.FOOTPRINT)).at(start),
+        "bottleneck margin [m]": bottleneck(episode.map, start, goal) - arena.FOOTPRINT.half_width,
         "density": (episode.map.cells == OCCUPIED).mean(),
         "walls": len(episode.walls),
         "discs": len(episode.discs),

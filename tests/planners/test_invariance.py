@@ -16,7 +16,7 @@ from tests.planners.test_planners import quick
 from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.geometry.planar import polygon_edges, to_frame, to_world
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid, geodesic
-from wheelchair_gym.scenes.poses import is_free_pose
+from wheelchair_gym.scenes.arena import is_free_pose
 from wheelchair_gym.types import no_discs
 
 SCENES = 100  # of a batch of random polygons

@@ -30,10 +30,9 @@ from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.geometry.outline import footprint_clearance
 from wheelchair_gym.geometry.planar import path_length, point_segment_distance
 from wheelchair_gym.scenes import make_scene
-from wheelchair_gym.scenes.arena import WALL, Doorway
+from wheelchair_gym.scenes.arena import FOOTPRINT, WALL, Doorway, passing_radius
 from wheelchair_gym.scenes.crowd import leaves_that_let_pass
 from wheelchair_gym.scenes.pedestrians import WALKING_RADIUS, free_area
-from wheelchair_gym.scenes.poses import FOOTPRINT, passing_radius
 from wheelchair_gym.scenes.raster import CELL
 from wheelchair_gym.types import Episode
 

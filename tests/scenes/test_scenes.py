@@ -14,7 +14,7 @@ from wheelchair_gym.compiled.random import numpy_integer, numpy_stream, numpy_un
 from wheelchair_gym.geometry.outline import footprint_clearance
 from wheelchair_gym.maps import FREE, OCCUPIED, bottleneck, geodesic
 from wheelchair_gym.scenes import SCENES, make_scene
-from wheelchair_gym.scenes.poses import FOOTPRINT, passing_radius
+from wheelchair_gym.scenes.arena import FOOTPRINT, passing_radius
 from wheelchair_gym.scenes.published import GREY_WOLF_GOALS
 
 RADIUS = passing_radius(FOOTPRINT)

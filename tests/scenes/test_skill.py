@@ -18,7 +18,7 @@ from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.maps import bottleneck
 from wheelchair_gym.recording.topics import EPISODE, FIELDS
 from wheelchair_gym.scenes import make_scene
-from wheelchair_gym.scenes.poses import FOOTPRINT, is_free_pose
+from wheelchair_gym.scenes.arena import FOOTPRINT, is_free_pose
 from wheelchair_gym.scenes.skill import COURSES
 from wheelchair_gym.task.rewards import reached_pose
 from wheelchair_gym.types import Arrival, Episode

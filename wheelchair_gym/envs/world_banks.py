@@ -26,7 +26,7 @@ from wheelchair_gym.base.settings import InputError, dump
 from wheelchair_gym.compiled.random import WORLDS, Split, bits, episode_key, uniform, world_seed
 from wheelchair_gym.envs.settings import EnvSettings
 from wheelchair_gym.scenes import make_scene
-from wheelchair_gym.scenes.poses import check_passable, check_start
+from wheelchair_gym.scenes.arena import check_passable, check_start
 from wheelchair_gym.task.prepared_episode import PreparedEpisode
 from wheelchair_gym.task.task import Task
 

@@ -6,8 +6,7 @@ from wheelchair_gym.maps.geodesic import Geodesic, geodesic, interpolate
 from wheelchair_gym.maps.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, occupied_polygons
 from wheelchair_gym.maps.io import MapWithWalls, read_any_map, read_grid
 from wheelchair_gym.maps.io.floor_plan import read_house
-from wheelchair_gym.maps.io.map_server import read_map, write_map
-from wheelchair_gym.maps.io.moving_ai import read_moving_ai_map
+from wheelchair_gym.maps.io.map_server import read_map, read_moving_ai_map, write_map
 from wheelchair_gym.maps.passage import bottleneck, footprint_margin, open_floor
 
 __all__ = [

@@ -10,7 +10,7 @@ import numpy as np
 from wheelchair_gym.base.registry import Registry
 from wheelchair_gym.base.settings import InputError, setting, settings
 from wheelchair_gym.geometry.outline import Footprint
-from wheelchair_gym.scenes.poses import FOOTPRINT
+from wheelchair_gym.scenes.arena import FOOTPRINT
 from wheelchair_gym.types import Episode
 
 _PLACE = "wheelchair_gym.scenes"

@@ -26,7 +26,7 @@ from wheelchair_gym.base.files import (
 from wheelchair_gym.base.settings import InputError, setting, settings
 from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid, geodesic
-from wheelchair_gym.scenes.poses import FOOTPRINT
+from wheelchair_gym.scenes.arena import FOOTPRINT
 from wheelchair_gym.scenes.raster import CELL, paint_discs, to_cells
 from wheelchair_gym.types import Episode
 

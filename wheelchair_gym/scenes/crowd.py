@@ -14,7 +14,14 @@ from wheelchair_gym.base.settings import InputError, Range, setting, settings
 from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.geometry.planar import arc_lengths
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid, geodesic
-from wheelchair_gym.scenes.arena import Arena, draw_pose, make_arena
+from wheelchair_gym.scenes.arena import (
+    CLEARANCE,
+    FOOTPRINT,
+    Arena,
+    draw_pose,
+    make_arena,
+    passing_radius,
+)
 from wheelchair_gym.scenes.floor_plan import InBuilding
 from wheelchair_gym.scenes.layout import FloorLayout
 from wheelchair_gym.scenes.passages import PASSAGES, Passage, PassageName
@@ -28,7 +35,6 @@ from wheelchair_gym.scenes.pedestrians import (
     sample_people,
     with_open_doors,
 )
-from wheelchair_gym.scenes.poses import CLEARANCE, FOOTPRINT, passing_radius
 from wheelchair_gym.scenes.raster import CELL
 from wheelchair_gym.types import Episode
 

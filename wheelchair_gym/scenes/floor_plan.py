@@ -15,8 +15,8 @@ from wheelchair_gym.compiled.random import NumpyStream, numpy_integer, numpy_str
 from wheelchair_gym.geometry.outline import Footprint, footprint_clearance
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, geodesic, interpolate
 from wheelchair_gym.maps.grid import boundary
+from wheelchair_gym.scenes.arena import CLEARANCE, FOOTPRINT, passing_radius
 from wheelchair_gym.scenes.layout import FloorLayout, furnish, generate_layout
-from wheelchair_gym.scenes.poses import CLEARANCE, FOOTPRINT, passing_radius
 from wheelchair_gym.scenes.raster import CELL, Rects, paint_discs, paint_polygon, paint_rects
 from wheelchair_gym.types import Episode
 

@@ -15,7 +15,7 @@ from wheelchair_gym.base.files import modified
 from wheelchair_gym.base.settings import InputError, setting, settings
 from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.maps import FREE, OccupancyGrid, geodesic, read_any_map
-from wheelchair_gym.scenes.poses import CLEARANCE, FOOTPRINT, Ends, is_free_pose, passing_radius
+from wheelchair_gym.scenes.arena import CLEARANCE, FOOTPRINT, Ends, is_free_pose, passing_radius
 from wheelchair_gym.types import Episode, no_discs
 
 _TRIES = 200  # places drawn for one pose

@@ -21,8 +21,7 @@ import numpy as np
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.geometry.outline import Footprint
-from wheelchair_gym.scenes.arena import Arena, make_arena, poses_along, read_table
-from wheelchair_gym.scenes.poses import FOOTPRINT
+from wheelchair_gym.scenes.arena import FOOTPRINT, Arena, make_arena, poses_along, read_table
 from wheelchair_gym.scenes.raster import rotated_rectangle
 from wheelchair_gym.types import Episode
 

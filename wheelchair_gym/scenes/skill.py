@@ -24,8 +24,7 @@ from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.settings import InputError, setting, settings, suggest
 from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.geometry.planar import wrap
-from wheelchair_gym.scenes.arena import make_arena, read_table
-from wheelchair_gym.scenes.poses import FOOTPRINT
+from wheelchair_gym.scenes.arena import FOOTPRINT, make_arena, read_table
 from wheelchair_gym.scenes.raster import CELL
 from wheelchair_gym.types import Arrival, Episode
 

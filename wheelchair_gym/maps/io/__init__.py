@@ -16,8 +16,7 @@ from wheelchair_gym.maps.io.floor_plan import (
     read_floor_plan_image,
     read_house,
 )
-from wheelchair_gym.maps.io.map_server import read_map
-from wheelchair_gym.maps.io.moving_ai import read_moving_ai_map
+from wheelchair_gym.maps.io.map_server import read_map, read_moving_ai_map
 
 
 class MapWithWalls(NamedTuple):

@@ -1,22 +1,45 @@
-"""Simulated people who drive a chair: `make_driver` makes one from a name or from settings."""
+"""Simulated people who drive a chair: `make_driver` makes one from a name or from settings.
+
+For each name in `named.yaml` there is a function here that gives a `Driver`. The settings of the
+file are those in which a person differs from `Driver()`.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, Final
+
+import yaml
 
 from wheelchair_gym.base.errors import shorten
 from wheelchair_gym.base.registry import Registry
 from wheelchair_gym.base.settings import InputError, dump, load
-from wheelchair_gym.people.drivers import named
 from wheelchair_gym.people.drivers.settings import Driver, interface_of
 
 __all__ = ["DRIVERS", "driver_spec", "make_driver", "make_drivers"]
 
+_PEOPLE: Final = yaml.safe_load(Path(__file__).with_name("named.yaml").read_text("utf-8"))
+
+
+def _define(name: str, text: str, settings: Mapping[str, Any]) -> None:
+    """Define the function of a person, an attribute of this module, where the registry finds it."""
+
+    def person() -> Driver:
+        return load(Driver, settings, f"driver {name}")
+
+    person.__name__ = person.__qualname__ = name
+    person.__doc__ = text
+    globals()[name] = person
+
+
+for _name, _person in _PEOPLE.items():
+    _define(_name, **_person)
+
 # What each name gives when it is called, without arguments: a `Driver`.
 DRIVERS: Final = Registry(
     "driver",
-    {name: f"{named.__name__}:{name}" for name in named.PEOPLE},
+    {name: f"{__name__}:{name}" for name in _PEOPLE},
     group="wheelchair_gym.drivers",
 )
 
