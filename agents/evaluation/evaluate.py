@@ -17,7 +17,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from agents.evaluation import assisted, runs, social
+from agents.evaluation import assisted, runs
 from agents.evaluation.metrics import Record, Trace, measure, shortest_path
 from agents.policies import GymPolicy, Policy, make_policy, spec_of
 from agents.policies.learned import weights_digest
@@ -162,7 +162,7 @@ def drive_episode(
     trace = Trace(task.period, margin, task.limits.forward, shortest, world.reference_length)
     trace.given_map = world.map if task.built_map is None else None
     if (world.actors.rows["kind"] == PERSON).any():
-        trace.people = social.PeopleTrace(world, task.footprint)
+        trace.people = assisted.PeopleTrace(world, task.footprint)
         trace.people.add(env.unwrapped.chair.truth)
     if task.has_driver:
         trace.sticks = assisted.StickTrace(task.limits, task.period)

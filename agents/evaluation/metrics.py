@@ -19,8 +19,7 @@ import numpy as np
 import shapely
 from numpy.typing import ArrayLike
 
-from agents.evaluation.assisted import MEASURES, StickTrace
-from agents.evaluation.social import PeopleTrace
+from agents.evaluation.assisted import MEASURES, PeopleTrace, StickTrace
 from agents.evaluation.statistics import share
 from agents.evaluation.tables import json_value
 from agents.policies.planning import PlanningFigures

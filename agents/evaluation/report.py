@@ -13,7 +13,7 @@ from urllib.parse import quote
 from PIL import Image
 
 from agents import read_data
-from agents.evaluation import assisted, metrics, social
+from agents.evaluation import assisted, metrics
 from agents.evaluation.metrics import EFFICIENCIES, SOCIAL_MEANS
 from agents.evaluation.plots import figures
 from agents.evaluation.statistics import mcnemar
@@ -37,7 +37,7 @@ def webp(path: Path) -> bytes:
 
 def _columns() -> tuple[Column, ...]:
     rows = read_data("columns.yaml")
-    of, values = ("name", "meaning"), vars(metrics) | vars(social) | vars(assisted)
+    of, values = ("name", "meaning"), vars(metrics) | vars(assisted)
     return tuple(Column(**row | {key: row[key].format(**values) for key in of}) for row in rows)
 
 

@@ -52,10 +52,7 @@ LAB_SIZE: Final[Point] = _WORLDS["LAB_SIZE"]
 LABS: Final[tuple[tuple[tuple[Box, ...], Point, Point], ...]] = _WORLDS["LABS"]
 CHAOTIC_PSO_DISCS: Final[tuple[Disc, ...]] = _WORLDS["CHAOTIC_PSO_DISCS"]
 GREY_WOLF_DISCS: Final[tuple[Disc, ...]] = _WORLDS["GREY_WOLF_DISCS"]
-GREY_WOLF_GOALS: Final = {
-    f"{x:g},{y:g}": (x, y)
-    for x, y in ((5.0, 20.0), (15.0, 5.0), (12.0, 12.0), (15.0, 22.0), (20.0, 20.0), (10.0, 2.5))
-}
+GREY_WOLF_GOALS: Final[dict[str, Point]] = _WORLDS["GREY_WOLF_GOALS"]
 
 
 @settings

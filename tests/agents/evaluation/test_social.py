@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from agents.evaluation import metrics, report
+from agents.evaluation.assisted import PeopleTrace, time_to_collision
 from agents.evaluation.evaluate import drive_episode, make_env
 from agents.evaluation.metrics import EFFICIENCIES, SOCIAL_MEANS, Trace, measure, summarise
-from agents.evaluation.social import PeopleTrace, time_to_collision
 from agents.policies import make_policy
 from tests.agents.evaluation.test_metrics import info
 from tests.agents.evaluation.test_report import evaluation
