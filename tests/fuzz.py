@@ -29,7 +29,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.benchmarks.cases import stored_cases
+from agents.benchmarks.entrants import stored_cases
 from agents.benchmarks.planner_benchmark import FORMAT, check_result
 from agents.cli.arguments import spec
 from agents.evaluation.evaluate import env_settings as checked
@@ -615,11 +615,11 @@ READERS: dict[str, Reader] = {
     "map png": Reader(
         lambda folder: _small_map(folder).with_suffix(".png"),
         lambda path: _use_map(path.with_suffix(".yaml")),
-        ("maps.io.image.read_picture",), _mutated_png,
+        ("maps.io.map_server.read_picture",), _mutated_png,
     ),
     "map pgm": Reader(
         _pgm, lambda path: _use_map(path.with_suffix(".yaml")),
-        ("maps.io.image.read_picture",),
+        ("maps.io.map_server.read_picture",),
     ),
     "octile map": Reader(_octile, _use_map, ("maps.io.moving_ai.read_moving_ai_map",)),
     "polygons": Reader(_polygons, _use_map, ("maps.io.__init__._read",)),

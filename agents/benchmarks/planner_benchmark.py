@@ -19,13 +19,18 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from agents import is_interrupt, read_data
-from agents.benchmarks import cases
 from agents.benchmarks.entrants import (
+    MARGIN,
+    SEED,
     UNLIMITED,
+    Case,
     Entrant,
     make_entrants,
     make_plan,
+    scene_case,
+    scene_cases,
     settings_dump,
+    stored_cases,
     with_iterations,
 )
 from agents.benchmarks.environments import provenance
@@ -203,7 +208,7 @@ TERMS = [
 ]
 
 Budget = str | float  # COLD, FREE, or a deadline [s]
-Job = tuple[Entrant, cases.Case, int, Budget]
+Job = tuple[Entrant, Case, int, Budget]
 
 
 @contextlib.contextmanager
@@ -227,7 +232,7 @@ def one_core() -> Iterator[int | None]:
                 os.environ[name] = value
 
 
-def run_once(planner: Any, case: cases.Case, seed: int, budget: Budget) -> Record:
+def run_once(planner: Any, case: Case, seed: int, budget: Budget) -> Record:
     """The record of one run of a planner that is prepared for the map, with the judge's faults."""
     problem = case.fresh_problem() if budget == COLD else case.problem
     deadline = None if isinstance(budget, str) else budget
@@ -260,7 +265,7 @@ def run_once(planner: Any, case: cases.Case, seed: int, budget: Budget) -> Recor
     return record | path_figures(plan.path, problem) | {"faults": len(faults), "why": faults[:1]}
 
 
-def _first_path_by_replay(planner: Any, case: cases.Case, seed: int, plan: Plan) -> Record:
+def _first_path_by_replay(planner: Any, case: Case, seed: int, plan: Plan) -> Record:
     """Time of the first path, by a run that ends at its iteration, where that is reported."""
     first = plan.counters.get("first_path_iterations")
     if first is None or not dataclasses.is_dataclass(planner):
@@ -316,9 +321,9 @@ class PlannerBenchmark:
             check_result(file)
         self.deadlines = sorted(deadlines)
         if scenes:
-            self.cases = [cases.scene_case(scene) for scene in scenes]
+            self.cases = [scene_case(scene) for scene in scenes]
         else:
-            self.cases = cases.stored_cases(problems, only) if problems else cases.scene_cases(only)
+            self.cases = stored_cases(problems, only) if problems else scene_cases(only)
         self.entrants = make_entrants(ours, peers)
         source, cpu = source_digest(), machine()["cpu"]
         self.jobs: dict[str, Job] = {}
@@ -329,7 +334,7 @@ class PlannerBenchmark:
                 key = run_key(source, cpu, *of, case.digest, seed, budget)
                 self.jobs[key] = entrant, case, seed, budget
         self._settings = {
-            "problems": str(problems or f"scenes, seed {cases.SEED}, margin {cases.MARGIN} m"),
+            "problems": str(problems or f"scenes, seed {SEED}, margin {MARGIN} m"),
             "seeds": list(seeds),
             "deadlines_s": self.deadlines,
             "core": core,

@@ -12,8 +12,16 @@ import pytest
 
 from agents import cli
 from agents.benchmarks import entrants, planner_benchmark
-from agents.benchmarks.cases import MARGIN, scene_cases, stored_cases
-from agents.benchmarks.entrants import PEERS, UNLIMITED, Entrant, called_planners, with_iterations
+from agents.benchmarks.entrants import (
+    MARGIN,
+    PEERS,
+    UNLIMITED,
+    Entrant,
+    called_planners,
+    scene_cases,
+    stored_cases,
+    with_iterations,
+)
 from agents.benchmarks.planner_benchmark import COLD, FREE, ranking, summarise
 from agents.evaluation.metrics import path_figures, printed_turning, turning
 from agents.studies import experiments

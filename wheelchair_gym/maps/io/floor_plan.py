@@ -34,7 +34,7 @@ from wheelchair_gym.base.files import (
 )
 from wheelchair_gym.geometry.planar import polygon_edges, signed_area
 from wheelchair_gym.maps.grid import FREE, OCCUPIED, OccupancyGrid
-from wheelchair_gym.maps.io.image import read_picture
+from wheelchair_gym.maps.io.map_server import read_picture
 
 MARGIN: Final = 0.25  # m of solid ground round the outline, in its grid
 FRAME: Final = 1.0  # m of it in its walls, so that the grid lies within
