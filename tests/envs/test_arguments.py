@@ -131,12 +131,6 @@ def test_a_shield_that_is_on_keeps_the_settings_of_the_config():
     assert env_settings({}, shield=True).shield == env_settings({}, shield={}).shield is not None
 
 
-@pytest.mark.parametrize("scene", [[{"name": "empty"}], ["hall.yaml", 3]])
-def test_a_list_of_maps_holds_paths_only(scene):
-    with pytest.raises(InputError, match=r"scene\[[01]\] is .*; expected the path of a map"):
-        EnvSettings(scene=scene)
-
-
 def test_a_chair_is_chosen_by_its_name():
     """By an argument, which goes before the config, or in a file, which holds no other sensors."""
     rear = read_json("configs/chairs/rear.json")["sensors"]["more_lasers"]

@@ -138,14 +138,6 @@ def test_a_residual_is_added_to_the_assistant_and_rest_stays_rest():
     assert env.task.stick.forward > 0.0
 
 
-def test_an_assistant_needs_a_person():
-    for make in (NavigationEnv, lambda **given: NavigationVectorEnv(2, **given)):
-        with pytest.raises(InputError, match="set driver"):
-            make(**SMALL, assistant="slide")
-        with pytest.raises(InputError, match="did you mean slide"):
-            make(**SMALL, driver="expert", assistant="slid")
-
-
 def test_a_localized_chair_has_a_person_too():
     env = NavigationEnv("floor_plan", driver="expert", pose_source="mcl")
     env.reset(seed=0)
@@ -154,13 +146,9 @@ def test_a_localized_chair_has_a_person_too():
     assert env.task.stick.forward > 0.0
 
 
-def test_a_person_needs_a_simulated_chair_and_no_unknown_map():
+def test_a_person_needs_a_simulated_chair():
     with pytest.raises(InputError, match="needs the simulated chair"):
         NavigationEnv(**SMALL, driver="expert", chair=Told(None, None))
-    with pytest.raises(InputError, match="with the pose source slam"):
-        NavigationEnv(**SMALL, driver="expert", pose_source="slam")
-    with pytest.raises(InputError, match="did you mean expert"):
-        NavigationEnv(**SMALL, driver="expret")
 
 
 PEOPLE = ["novice", "sip_and_puff", {"name": "expert", "hand": {"tremor": 0.2}}]
@@ -185,7 +173,5 @@ def test_each_episode_draws_one_of_several_people():
     assert drawn == {0, 1, 2}
     stored = load(EnvSettings, dump(several.settings), "env")
     assert stored == several.settings
-    with pytest.raises(InputError, match="empty list"):
-        NavigationEnv(**SMALL, driver=[])
     with pytest.raises(InputError, match="did you mean novice"):
         NavigationEnv(**SMALL, driver=["novic"])

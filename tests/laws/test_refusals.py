@@ -12,6 +12,7 @@ from agents.learning.settings import Training
 from agents.policies import make_policy
 from planners.problem_files import read_problems
 from planners.rrt_star_woa import thesis
+from planners.swarm.planner import SwarmPlanner
 from tests.conftest import ROOT
 from tests.maps import test_files, test_importers
 from tests.maps.test_importers import put
@@ -23,6 +24,7 @@ from wheelchair_gym.base.settings import InputError, load
 from wheelchair_gym.envs import EnvSettings, NavigationVectorEnv
 from wheelchair_gym.geometry.kinematics import Limits
 from wheelchair_gym.maps.cost_to_go import CostToGoSettings
+from wheelchair_gym.people.assistance import make_compiled
 from wheelchair_gym.people.drivers import make_driver
 from wheelchair_gym.safety import Shield
 from wheelchair_gym.scenes import make_scene
@@ -54,6 +56,8 @@ def sample_barn(file):
 MAKERS = {
     "policy": lambda value, _: make_policy(value),
     "driver": lambda value, _: make_driver(value),
+    "assistant": lambda value, _: make_compiled(value),
+    "swarm": lambda value, _: SwarmPlanner(**value),
     "scene": lambda value, _: make_scene(value),
     "world": lambda value, _: sample(value),
     "environment": lambda value, _: gym.make("wheelchair_gym/Navigation-v1", **value).reset(seed=0),

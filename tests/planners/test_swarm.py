@@ -194,18 +194,7 @@ def test_modified_whales_smooth_the_tree_path():
     assert np.mean(gains) > 0.0
 
 
-def test_wrong_settings_are_input_errors():
-    for settings, message in (
-        ({"optimizer": "ants"}, "optimizer 'ants' is unknown; there are abc, firefly,"),
-        ({"optimizer": {"name": "pso", "wings": 2}}, r"optimizer pso.wings is not a setting"),
-        ({"optimizer": 3}, "optimizer is 3; expected a name"),
-        ({"objective": "beauty"}, "objective 'beauty' is unknown"),
-        ({"first": "visibility"}, "first 'visibility' is unknown"),
-        ({"first": None}, "way_points is 0"),
-        ({"first": None, "way_points": 2}, "scatter is 'disc'"),
-    ):
-        with pytest.raises(InputError, match=message):
-            SwarmPlanner(**settings)
+def test_an_optimizer_may_be_settings():
     planner = SwarmPlanner(optimizer=OPTIMIZERS.make({"name": "pso", "neighbours": 2}))
     assert planner.optimizer["neighbours"] == 2
 

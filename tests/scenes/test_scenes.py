@@ -178,14 +178,10 @@ def test_labs_have_a_way_round_at_their_clearance(spec, clearance):
     assert bottleneck(world.map, start, goal) >= clearance
 
 
-def test_barn_files_that_are_no_worlds(tmp_path, worlds):
-    rng = np.random.default_rng(0)
-    with pytest.raises(InputError, match=r"Barn\.path is not given"):
-        make_scene({"name": "barn", "world": 5}).sample(rng)
+def test_a_world_that_a_barn_file_has_not_is_refused(worlds):
+    scene = make_scene({"name": "barn", "path": str(worlds), "world": 5})
     with pytest.raises(InputError, match="has no world 5"):
-        make_scene({"name": "barn", "path": str(worlds), "world": 5}).sample(rng)
-    with pytest.raises(InputError, match="cannot be read"):
-        make_scene({"name": "barn", "path": str(tmp_path / "none.json")}).sample(rng)
+        scene.sample(np.random.default_rng(0))
 
 
 def test_published_barn_worlds_can_be_passed(shared):
@@ -224,5 +220,3 @@ def test_given_poses_are_taken(worlds):
     assert make_scene(room).sample(np.random.default_rng(0)).start.tolist() == [1.0, 1.0, 0.0]
     beside_wall = make_scene({"name": "empty", "start": (1.0, 0.4, 0.0)})
     assert beside_wall.sample(np.random.default_rng(0)).start.tolist() == [1.0, 0.4, 0.0]
-    with pytest.raises(InputError, match=r"EmptyRoom\.start"):
-        make_scene(room | {"start": (0.1, 1.0, 0.0)}).sample(np.random.default_rng(0))

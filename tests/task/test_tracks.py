@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.geometry.planar import to_frame
 from wheelchair_gym.perception.tracker import Tracker
@@ -54,14 +53,3 @@ def test_they_are_those_of_a_tracker_without_a_map():
             if terminated or truncated:
                 break
     assert maximum == MAXIMUM
-
-
-def test_a_chair_without_a_laser_has_no_tracks():
-    config = {**CONFIG, "sensors": {"laser": {"beams": 0}}, "task": {"tracks": 2}}
-    with pytest.raises(InputError, match="a tracker needs a laser"):
-        NavigationEnv(config=config)
-
-
-def test_a_tracker_needs_a_scan_a_second():
-    with pytest.raises(InputError, match=r"task\.tracks is 4 at a rate of 0\.5 Hz"):
-        NavigationEnv(config={**CONFIG, "rate": 0.5})

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.task.observations import PRIVILEGED
 from wheelchair_gym.task.side_clearance import fan_poses, side_clearance
@@ -37,10 +36,6 @@ def test_nothing_is_hidden_where_no_critic_looks():
     assert not {"path", *PRIVILEGED} & set(env.reset(seed=0)[0])
     seen = make(hide_guidance=True, side_clearance=False).reset(seed=0)[0]
     assert "privileged_side_clearance" not in seen
-    with pytest.raises(InputError, match=r"look_ahead is \[3.0, 0.5\]; expected rising values"):
-        NavigationEnv("empty", guidance="geodesic", config={"task": {"look_ahead": [3.0, 0.5]}})
-    with pytest.raises(InputError, match=r"task\.hide_guidance needs the guidance"):
-        NavigationEnv("floor_plan", guidance="geodesic", config={"task": {"hide_guidance": True}})
 
 
 @pytest.mark.parametrize("guidance", [None, "geodesic", "poses"])
