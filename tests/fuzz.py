@@ -621,7 +621,7 @@ READERS: dict[str, Reader] = {
         _pgm, lambda path: _use_map(path.with_suffix(".yaml")),
         ("maps.io.map_server.read_picture",),
     ),
-    "octile map": Reader(_octile, _use_map, ("maps.io.moving_ai.read_moving_ai_map",)),
+    "octile map": Reader(_octile, _use_map, ("maps.io.map_server.read_moving_ai_map",)),
     "polygons": Reader(_polygons, _use_map, ("maps.io.__init__._read",)),
     "model of stable-baselines3": Reader(
         _sb3_model, _algorithm, ("policies.sb3._algorithm",), flipped

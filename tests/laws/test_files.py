@@ -55,6 +55,7 @@ OWN = {
     "hardware.twin.inprocess.__init__": "the twin's own lines",
     "evaluation.report._video": "a video that was just written",
     "studies.model.published": "comes with the package",
+    "scenes.arena.read_table": "comes with the package",
     "benchmarks.environments.resident_bytes": "of the kernel",
     "evaluation.provenance.machine": "of the kernel",
     "cli.__init__._replace_closed_streams": "standard streams",

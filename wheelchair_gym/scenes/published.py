@@ -174,7 +174,7 @@ def _thesis_map(number: int, gap: float, scale: float) -> Arena:
     discs, rotated = _clutter(gap) if number == 5 else (shapes.get("discs", []), [])
     rotated += [rotated_rectangle(*one) for one in shapes.get("rotated", [])]
     boxes = [*shapes.get("boxes", [])]
-    boxes += [box for one in shapes.get("barriers", []) for box in _barrier(*one, gap)]
+    boxes += [box for x, y in shapes.get("barriers", []) for box in _barrier(x, y, gap)]
     boxes += [box for one in shapes.get("pockets", []) for box in _pocket(*one)]
     return make_arena(
         (0.0, 0.0, scale * WIDTH, scale * HEIGHT),
