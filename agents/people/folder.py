@@ -17,6 +17,7 @@ from typing import Any, Final
 from agents.evaluation.provenance import now, write_json
 from agents.people.chain import Chain
 from agents.people.protocol import Protocol
+from agents.studio import PageError
 from wheelchair_gym.base.settings import InputError, dump, load, read_json
 
 PROTOCOL, STEPS, TOMBSTONE = "protocol.json", "steps.jsonl", "deleted_{:04d}.json"
@@ -100,8 +101,8 @@ def folder_of(folder: Path, participant: int) -> Path:
     """
     if not 1 <= participant <= LARGEST:
         raise InputError(f"participant {participant}: expected a number from 1 to {LARGEST}")
-    if (tombstone := folder / TOMBSTONE.format(participant)).exists():
-        raise InputError(f"participant {participant} was deleted ({tombstone}); use another number")
+    if (folder / TOMBSTONE.format(participant)).exists():
+        raise PageError("deleted", number=participant)
     return folder / f"participant_{participant:04d}"
 
 
@@ -111,11 +112,14 @@ def delete(folder: Path, participant: int) -> int:
     Tables and reports of the folder hold the participant's figures, so they are deleted, too.
 
     Raises:
-        InputError: there is nothing of the participant, or their session is open.
+        InputError: there is nothing of the participant, it is behind a link, or their session is
+            open.
     """
     current_protocol(folder)
     tombstone = folder / TOMBSTONE.format(participant)
     own = folder / f"participant_{participant:04d}"
+    if links := [path for path in (own, *own.rglob("*")) if path.is_symlink()]:
+        raise InputError(f"{links[0]} is a link; expected the data themselves in its place")
     files = [path for path in own.rglob("*") if not path.is_dir()]
     if not files:
         raise InputError(f"{folder} holds nothing of participant {participant}")

@@ -21,6 +21,19 @@ def page_texts() -> dict[str, Any]:
     return {file.stem: read_json(file) for file in sorted((PAGE / "texts").glob("*.json"))}
 
 
+class PageError(InputError):
+    """An error that the page tells in its language; as an exception, in English.
+
+    Args:
+        key: of a text of the page.
+        values: in the text.
+    """
+
+    def __init__(self, key: str, **values: object) -> None:
+        super().__init__(page_texts()["en"][key].format(**values))
+        self.key, self.values = key, values
+
+
 def check_extra() -> None:
     """Refuse to begin where a package is missing.
 

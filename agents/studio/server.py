@@ -224,7 +224,7 @@ async def _receive_all(connection: Any, session: Any, out: Outbox) -> None:
             session.receive(read_message(event["text"], session.fields))
         except InputError as error:
             broken += 1
-            out.send("error", text=str(error))
+            out.refuse(error)
             if broken > _BROKEN:
                 await connection.close(1008, "too many broken messages")
                 return

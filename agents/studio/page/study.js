@@ -28,7 +28,8 @@ export class StudyPage extends DrivePage {
   answers() {
     return {
       ...super.answers(), study: message => this.welcome(message), step: message => this.step(message), known: message => this.known(message),
-      done: message => this.done(message), lost: () => this.reconnect(), error: () => { if (this.joining) this.later(() => this.join()); },
+      done: message => this.done(message), lost: () => this.reconnect(),
+      error: message => { if (!message.key) showError(text("not_done", message)); if (this.joining) this.later(() => this.join()); },
     };
   }
 

@@ -313,7 +313,9 @@ def test_a_second_tab_and_a_mistyped_number_are_told(opened):
         known = messages(second, "known")
         assert (known["done"], known["steps"]) == (1, 9)
         send(second, "participant", number=22, resume=True)
-        assert "participant 22 is open in another tab" in messages(second, "error")["text"]
+        error = messages(second, "error")
+        assert "participant 22 is open in another tab" in error["text"]
+        assert (error["key"], error["values"]) == ("open_elsewhere", {"number": "22"})
         send(first, "consent", step=1)  # sent twice: it is known, and nothing is stored again
         assert messages(first, "step")["number"] == 2
     path = served.studio.folder / "participant_0022" / "steps.jsonl"
@@ -382,6 +384,26 @@ def test_the_experimenter_sees_everybody_remarks_and_aborts(opened):
     assert [attempt["outcome"] for attempt in one.attempts] == [ABORTED]
 
 
+def test_a_remark_at_the_moment_at_which_a_page_closes_is_stored(tmp_path):
+    desk = Desk(tmp_path, protocol(1, 1))
+    page = Scripted(desk, 1)
+    leaves = threading.Thread(target=page._leave)
+
+    class Closing(dict):
+        def get(self, number):
+            found = super().get(number)
+            leaves.start()
+            leaves.join(0.2)
+            return found
+
+    desk.open = Closing(desk.open)
+    page.tell("consent", step=1)
+    desk.act(1, "note", "dizzy")
+    leaves.join()
+    assert [remark["text"] for remark in read_folder(tmp_path)[1][0].remarks] == ["dizzy"]
+    assert desk.open == {}
+
+
 def until_left(served, number):
     assert wait_until(lambda: number not in served.studio.desk.open)
 
@@ -410,6 +432,7 @@ class Scripted(StudySession):
         self.got = []
         self.show = lambda head, _: self.got.append(("picture", head))
         self.send = lambda kind, /, **content: self.got.append((kind, content))
+        self.refuse = lambda error: self.got.append(("error", {"text": str(error)}))
         ready = threading.Event()
         ready.set()
         super().__init__(desk, self, ready)
@@ -512,6 +535,7 @@ def test_answers_stay_in_the_page_until_they_are_stored(opened, cut):
     with full_disk():
         page.click("#go")
         until(page, "document.getElementById('error').textContent.includes('cannot be written')")
+    assert page.inner_text("#error").startswith("That did not work. Tell the experimenter:")
     assert page.is_visible("#error")
     if cut == "reload":
         page.reload()
