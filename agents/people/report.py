@@ -1,4 +1,4 @@
-"""Conditions of an experiment compared within participants: tables, a page and tidy data."""
+"""Conditions compared within participants, and groups between them: tables and a page."""
 
 from __future__ import annotations
 
@@ -15,7 +15,14 @@ from agents.evaluation.metrics import Record
 from agents.evaluation.plots import paired
 from agents.evaluation.provenance import provenance
 from agents.evaluation.report import COLUMN_OF, LEVEL
-from agents.evaluation.statistics import effect_size, holm, median_interval, wilcoxon_p
+from agents.evaluation.statistics import (
+    effect_size,
+    estimate,
+    holm,
+    mann_whitney_p,
+    median_interval,
+    wilcoxon_p,
+)
 from agents.evaluation.tables import Table, columns_of, make_table, write_page
 from agents.people.export import TOTAL, export
 from agents.people.folder import DATA, PAGE
@@ -69,21 +76,14 @@ def _tables(rows: Sequence[Record], conditions: list[str]) -> list[Table]:
 
     The rows are of one source.
     """
-    source, most = rows[0]["source"], 0
+    most, pairs = 0, 0
     means: list[list[Record]] = []
     tests: list[list[Record]] = []
     periods: list[list[Record]] = []
     for measure, title in _measures(rows).items():
         values = _values(rows, measure, conditions)
+        means.append(_means(title, {name: _means_of(of) for name, of in values.items()}))
         group: list[Record] = []
-        for name in conditions:
-            each = list(_means_of(values[name]).values())
-            if each:
-                sd = float(np.std(each, ddof=1)) if len(each) > 1 else math.nan
-                group.append({"measure": title, "condition": name, "participants": len(each),
-                              "mean": float(np.mean(each)), "sd": sd})  # fmt: skip
-        means.append(group)
-        group = []
         for a, b in itertools.combinations(conditions, 2):
             ours, others = values[a], values[b]  # compared in the tasks that both have
             both = {key: others[key] - ours[key] for key in ours if key in others}
@@ -94,27 +94,83 @@ def _tables(rows: Sequence[Record], conditions: list[str]) -> list[Table]:
                 group.append({"measure": title, "pair": f"{b} - {a}", "participants": len(off),
                               "median": median, "low": low, "high": high, **effect_size(off),
                               "p": wilcoxon_p(off)})  # fmt: skip
-        for row, p in zip(group, holm([float(row["p"]) for row in group]), strict=True):
-            row["p_holm"] = p
-        tests.append(group)
+        pairs = max(pairs, len(group))
+        tests.append(_adjusted(group))
         periods.append(_periods([row for row in rows if row["measure"] == measure], title))
-    what = "Drives" if source == "drive" else source
-    pairs = len(conditions) * (len(conditions) - 1) // 2
-    named = (("conditions", means), ("differences within participants", tests),
-             ("effects of periods and orders", periods))  # fmt: skip
-    made = [make_table(f"{what}: {name}", columns_of(name.split()[0]), of) for name, of in named]
-    made[1] = made[1]._replace(note=_too_few(most, pairs))
-    return made
+    note = _too_few(f"{most}, Wilcoxon's", pairs, 2.0 ** (1 - most))
+    return [
+        _table(rows, "conditions", means),
+        _table(rows, "differences within participants", tests)._replace(note=note),
+        _table(rows, "effects of periods and orders", periods),
+    ]
 
 
-def _too_few(n: int, pairs: int) -> str:
-    """A warning where the smallest p that n participants can give is not small; else empty."""
-    smallest = min(1.0, pairs * 2.0 ** (1 - n))
-    if n == 0 or smallest < LEVEL:
+def _groups(rows: Sequence[Record], conditions: list[str], groups: list[str]) -> list[Table]:
+    """Means by group, and differences of pairs of groups; the rows are of one source.
+
+    A participant counts with the mean over conditions and tasks. Differences of means have Welch's
+    interval, and p is of Mann and Whitney's test.
+    """
+    means: list[list[Record]] = []
+    tests: list[list[Record]] = []
+    smallest, sizes, pairs = math.inf, "", 0
+    for measure, title in _measures(rows).items():
+        samples = {}
+        for name in groups:
+            found = _values([row for row in rows if row["group"] == name], measure, conditions)
+            samples[name] = _means_of({
+                (who, f"{condition}/{task}"): value
+                for condition, of in found.items() for (who, task), value in of.items()
+            })  # fmt: skip
+        means.append(_means(title, samples))
+        group: list[Record] = []
+        for a, b in itertools.combinations([name for name in groups if samples[name]], 2):
+            ours, others = (np.array(list(samples[name].values())) for name in (a, b))
+            low, high = estimate([{"": others}, {"": ours}], [1.0, -1.0]).interval
+            n, m = len(ours), len(others)
+            group.append({"measure": title, "pair": f"{b} - {a}", "participants": n + m,
+                          "difference": float(others.mean() - ours.mean()), "low": low,
+                          "high": high, "p": mann_whitney_p(others, ours)})  # fmt: skip
+            if 2.0 / math.comb(n + m, n) < smallest:
+                smallest, sizes = 2.0 / math.comb(n + m, n), f"{n} and {m}"
+        pairs = max(pairs, len(group))
+        tests.append(_adjusted(group))
+    note = _too_few(f"{sizes}, Mann and Whitney's", pairs, smallest)
+    return [
+        _table(rows, "groups", means),
+        _table(rows, "differences between groups", tests, "between")._replace(note=note),
+    ]
+
+
+def _table(rows: Sequence[Record], what: str, of: list[list[Record]], columns: str = "") -> Table:
+    source = "Drives" if rows[0]["source"] == "drive" else rows[0]["source"]
+    return make_table(f"{source}: {what}", columns_of(columns or what.split()[0]), of)
+
+
+def _means(title: str, samples: Mapping[str, Mapping[int, float]]) -> list[Record]:
+    """Rows of the mean and the standard deviation of each sample: by name, by participant."""
+    found = []
+    for name, of in samples.items():
+        if each := list(of.values()):
+            sd = float(np.std(each, ddof=1)) if len(each) > 1 else math.nan
+            found.append({"measure": title, "name": name, "participants": len(each),
+                          "mean": float(np.mean(each)), "sd": sd})  # fmt: skip
+    return found
+
+
+def _adjusted(rows: list[Record]) -> list[Record]:
+    """The rows of all pairs of one measure with Holm's adjusted p."""
+    adjusted = holm([float(row["p"]) for row in rows])
+    return [row | {"p_holm": p} for row, p in zip(rows, adjusted, strict=True)]
+
+
+def _too_few(who: str, pairs: int, smallest: float) -> str:
+    """A warning where the smallest p that one test can give is not small for all; else empty."""
+    if pairs == 0 or pairs * smallest < LEVEL:
         return ""
     return (
-        f"Warning: with n = {n}, Wilcoxon's test of {pairs} pairs cannot give an adjusted p below "
-        f"{smallest:.2g}: no difference can be significant at {LEVEL:g}."
+        f"Warning: with n = {who} test of {pairs} pairs cannot give an adjusted p below "
+        f"{min(1.0, pairs * smallest):.2g}: no difference can be significant at {LEVEL:g}."
     )
 
 
@@ -151,20 +207,23 @@ def _periods(rows: Sequence[Record], title: str) -> list[Record]:
 
 
 def tables(protocol: Protocol, rows: Sequence[Record]) -> list[Table]:
-    """Three tables for the drives and for each questionnaire of the rows of `export.tidy`.
+    """Tables for the drives and for each questionnaire of the rows of `export.tidy`.
 
     The first has the mean of each condition over participants, the second paired differences with
-    Wilcoxon's signed-rank test, the third effects of periods and orders. Time and length count
-    where the drive succeeded.
+    Wilcoxon's signed-rank test, the third effects of periods and orders; two more compare groups,
+    where there are any. Time and length count where the drive succeeded.
     """
     conditions = [condition.name for condition in protocol.conditions]
+    groups = [group.name for group in protocol.groups]
     made: list[Table] = []
     for source in dict.fromkeys(row["source"] for row in rows):
         found = [row for row in rows if row["source"] == source]
         if found[0]["condition"]:
             made += _tables(found, conditions)
         else:  # asked once, at the end of the experiment
-            made += _tables([row | {"condition": "all"} for row in found], ["all"])[:1]
+            found = [row | {"condition": "all"} for row in found]
+            made += _tables(found, ["all"])[:1]
+        made += _groups(found, [*conditions, "all"], groups) if groups else []
     return made
 
 
