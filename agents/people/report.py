@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -38,10 +38,11 @@ _NAME = {key: COLUMN_OF[key].name for key in DRIVE_MEASURES}
 ONLY_OF_SUCCESSES = (_NAME["time"], _NAME["length"])
 
 
-Values = Mapping[str, Mapping[tuple[int, str], float]]  # by condition: by participant and task
+Values = Mapping[tuple[int, str], float]  # by participant and task
 
 
-def _values(rows: Sequence[Record], measure: str, conditions: list[str]) -> Values:
+def _values(rows: Sequence[Record], measure: str, conditions: list[str]) -> Mapping[str, Values]:
+    """Values of a measure by condition; time and length of drives that succeeded."""
     succeeded = {
         (row["participant"], row["condition"], row["task"])
         for row in rows
@@ -57,7 +58,7 @@ def _values(rows: Sequence[Record], measure: str, conditions: list[str]) -> Valu
     return found
 
 
-def _means_of(values: Mapping[tuple[int, str], float]) -> dict[int, float]:
+def _means_of(values: Values) -> dict[int, float]:
     """The mean over tasks of each participant."""
     people = sorted({person for person, _ in values})
     return {p: float(np.mean([v for (who, _), v in values.items() if who == p])) for p in people}
@@ -71,106 +72,88 @@ def _measures(rows: Sequence[Record]) -> dict[str, str]:
             for name in names if name in units}  # fmt: skip
 
 
-def _tables(rows: Sequence[Record], conditions: list[str]) -> list[Table]:
-    """Means by condition, differences of pairs of conditions, and effects of periods and orders.
+def _within(ours: Values, others: Values) -> Record:
+    """Compare two conditions in the tasks that both have: the participants' differences."""
+    both = {key: others[key] - ours[key] for key in ours if key in others}
+    off = np.array(list(_means_of(both).values()))
+    if not len(off):
+        return {}
+    median, low, high = median_interval(off)
+    return {
+        "participants": len(off), "median": median, "low": low, "high": high, **effect_size(off),
+        "p": wilcoxon_p(off), "min_p": 2.0 ** (1 - len(off)), "test": f"{len(off)}, Wilcoxon's",
+    }  # fmt: skip
 
-    The rows are of one source.
-    """
-    most, pairs = 0, 0
+
+def _between(ours: Values, others: Values) -> Record:
+    """Compare two groups of participants: the difference of their means."""
+    x, y = (np.array(list(_means_of(of).values())) for of in (ours, others))
+    if not len(x) or not len(y):
+        return {}
+    low, high = estimate([{"": y}, {"": x}], [1.0, -1.0]).interval
+    return {
+        "participants": len(x) + len(y), "difference": float(y.mean() - x.mean()), "low": low,
+        "high": high, "p": mann_whitney_p(y, x), "min_p": 2.0 / math.comb(len(x) + len(y), len(x)),
+        "test": f"{len(x)} and {len(y)}, Mann and Whitney's",
+    }  # fmt: skip
+
+
+def _compared(
+    rows: Sequence[Record], names: list[str], compare: Callable[[Values, Values], Record]
+) -> tuple[list[list[Record]], list[list[Record]]]:
+    """Rows of means by condition (or group), and of comparisons of each two; both by measure."""
     means: list[list[Record]] = []
     tests: list[list[Record]] = []
-    periods: list[list[Record]] = []
     for measure, title in _measures(rows).items():
-        values = _values(rows, measure, conditions)
-        means.append(_means(title, {name: _means_of(of) for name, of in values.items()}))
-        group: list[Record] = []
-        for a, b in itertools.combinations(conditions, 2):
-            ours, others = values[a], values[b]  # compared in the tasks that both have
-            both = {key: others[key] - ours[key] for key in ours if key in others}
-            off = np.array(list(_means_of(both).values()))
-            if len(off):
-                median, low, high = median_interval(off)
-                most = max(most, len(off))
-                group.append({"measure": title, "pair": f"{b} - {a}", "participants": len(off),
-                              "median": median, "low": low, "high": high, **effect_size(off),
-                              "p": wilcoxon_p(off)})  # fmt: skip
-        pairs = max(pairs, len(group))
-        tests.append(_adjusted(group))
-        periods.append(_periods([row for row in rows if row["measure"] == measure], title))
-    note = _too_few(f"{most}, Wilcoxon's", pairs, 2.0 ** (1 - most))
+        values = _values(rows, measure, names)
+        each = {name: list(_means_of(of).values()) for name, of in values.items()}
+        means.append([
+            {"measure": title, "name": name, "participants": len(of), "mean": float(np.mean(of)),
+             "sd": float(np.std(of, ddof=1)) if len(of) > 1 else math.nan}
+            for name, of in each.items() if of
+        ])  # fmt: skip
+        pairs = itertools.combinations(names, 2)
+        group = [{"measure": title, "pair": f"{b} - {a}", **found}
+                 for a, b in pairs if (found := compare(values[a], values[b]))]  # fmt: skip
+        adjusted = holm([float(row["p"]) for row in group])
+        tests.append([row | {"p_holm": p} for row, p in zip(group, adjusted, strict=True)])
+    return means, tests
+
+
+def _tables(rows: Sequence[Record], conditions: list[str], groups: list[str]) -> list[Table]:
+    """The tables of rows of one source; see `tables`."""
+    if not rows[0]["condition"]:  # asked once, at the end of the experiment
+        rows = [row | {"condition": "all"} for row in rows]
+        made = [("conditions", "conditions", _compared(rows, ["all"], _within)[0])]
+    else:
+        means, tests = _compared(rows, conditions, _within)
+        periods = [_periods([row for row in rows if row["measure"] == name], title)
+                   for name, title in _measures(rows).items()]  # fmt: skip
+        made = [("conditions", "conditions", means),
+                ("differences", "differences within participants", tests),
+                ("effects", "effects of periods and orders", periods)]  # fmt: skip
+    if groups:
+        rows = [row | {"condition": row["group"], "task": f"{row['condition']}/{row['task']}"}
+                for row in rows]  # fmt: skip
+        means, tests = _compared(rows, groups, _between)
+        made += [("groups", "groups", means), ("between", "differences between groups", tests)]
+    what = "Drives" if rows[0]["source"] == "drive" else rows[0]["source"]
     return [
-        _table(rows, "conditions", means),
-        _table(rows, "differences within participants", tests)._replace(note=note),
-        _table(rows, "effects of periods and orders", periods),
+        make_table(f"{what}: {name}", columns_of(columns), of)._replace(note=_too_few(of))
+        for columns, name, of in made
     ]
 
 
-def _groups(rows: Sequence[Record], conditions: list[str], groups: list[str]) -> list[Table]:
-    """Means by group, and differences of pairs of groups; the rows are of one source.
-
-    A participant counts with the mean over conditions and tasks. Differences of means have Welch's
-    interval, and p is of Mann and Whitney's test.
-    """
-    means: list[list[Record]] = []
-    tests: list[list[Record]] = []
-    smallest, sizes, pairs = math.inf, "", 0
-    for measure, title in _measures(rows).items():
-        samples = {}
-        for name in groups:
-            found = _values([row for row in rows if row["group"] == name], measure, conditions)
-            samples[name] = _means_of({
-                (who, f"{condition}/{task}"): value
-                for condition, of in found.items() for (who, task), value in of.items()
-            })  # fmt: skip
-        means.append(_means(title, samples))
-        group: list[Record] = []
-        for a, b in itertools.combinations([name for name in groups if samples[name]], 2):
-            ours, others = (np.array(list(samples[name].values())) for name in (a, b))
-            low, high = estimate([{"": others}, {"": ours}], [1.0, -1.0]).interval
-            n, m = len(ours), len(others)
-            group.append({"measure": title, "pair": f"{b} - {a}", "participants": n + m,
-                          "difference": float(others.mean() - ours.mean()), "low": low,
-                          "high": high, "p": mann_whitney_p(others, ours)})  # fmt: skip
-            if 2.0 / math.comb(n + m, n) < smallest:
-                smallest, sizes = 2.0 / math.comb(n + m, n), f"{n} and {m}"
-        pairs = max(pairs, len(group))
-        tests.append(_adjusted(group))
-    note = _too_few(f"{sizes}, Mann and Whitney's", pairs, smallest)
-    return [
-        _table(rows, "groups", means),
-        _table(rows, "differences between groups", tests, "between")._replace(note=note),
-    ]
-
-
-def _table(rows: Sequence[Record], what: str, of: list[list[Record]], columns: str = "") -> Table:
-    source = "Drives" if rows[0]["source"] == "drive" else rows[0]["source"]
-    return make_table(f"{source}: {what}", columns_of(columns or what.split()[0]), of)
-
-
-def _means(title: str, samples: Mapping[str, Mapping[int, float]]) -> list[Record]:
-    """Rows of the mean and the standard deviation of each sample: by name, by participant."""
-    found = []
-    for name, of in samples.items():
-        if each := list(of.values()):
-            sd = float(np.std(each, ddof=1)) if len(each) > 1 else math.nan
-            found.append({"measure": title, "name": name, "participants": len(each),
-                          "mean": float(np.mean(each)), "sd": sd})  # fmt: skip
-    return found
-
-
-def _adjusted(rows: list[Record]) -> list[Record]:
-    """The rows of all pairs of one measure with Holm's adjusted p."""
-    adjusted = holm([float(row["p"]) for row in rows])
-    return [row | {"p_holm": p} for row, p in zip(rows, adjusted, strict=True)]
-
-
-def _too_few(who: str, pairs: int, smallest: float) -> str:
-    """A warning where the smallest p that one test can give is not small for all; else empty."""
-    if pairs == 0 or pairs * smallest < LEVEL:
+def _too_few(groups: list[list[Record]]) -> str:
+    """A warning where the smallest p that tests of pairs can give is not small; else empty."""
+    rows = [row for group in groups for row in group if "min_p" in row]
+    best = min(rows, key=lambda row: float(row["min_p"]), default=None)
+    pairs = max(map(len, groups), default=0)
+    if best is None or pairs * best["min_p"] < LEVEL:
         return ""
     return (
-        f"Warning: with n = {who} test of {pairs} pairs cannot give an adjusted p below "
-        f"{min(1.0, pairs * smallest):.2g}: no difference can be significant at {LEVEL:g}."
+        f"Warning: with n = {best['test']} test of {pairs} pairs cannot give an adjusted p below "
+        f"{min(1.0, pairs * best['min_p']):.2g}: no difference can be significant at {LEVEL:g}."
     )
 
 
@@ -218,12 +201,7 @@ def tables(protocol: Protocol, rows: Sequence[Record]) -> list[Table]:
     made: list[Table] = []
     for source in dict.fromkeys(row["source"] for row in rows):
         found = [row for row in rows if row["source"] == source]
-        if found[0]["condition"]:
-            made += _tables(found, conditions)
-        else:  # asked once, at the end of the experiment
-            found = [row | {"condition": "all"} for row in found]
-            made += _tables(found, ["all"])[:1]
-        made += _groups(found, [*conditions, "all"], groups) if groups else []
+        made += _tables(found, conditions, groups)
     return made
 
 

@@ -161,13 +161,8 @@ export class ComparePage {
 
   /** The number of the state at the clock, or of the last one. */
   at(track) {
-    const { states } = track, time = Number(this.on.time.value) + 1e-6;
-    let low = 0, high = states.length - 1;
-    while (low < high) {
-      const middle = (low + high + 1) >> 1;
-      if (states[middle][T] <= time) low = middle; else high = middle - 1;
-    }
-    return low;
+    const time = Number(this.on.time.value) + 1e-6;
+    return Math.max(0, track.states.findLastIndex(state => state[T] <= time));
   }
 
   draw(name) {
