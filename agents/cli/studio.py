@@ -8,7 +8,7 @@ from pathlib import Path
 from agents.cli.arguments import map_scenes
 from agents.studio import check_extra
 from agents.studio.warm_up import WarmUp
-from wheelchair_gym.base.settings import InputError
+from wheelchair_gym.base.settings import InputError, read
 from wheelchair_gym.envs.settings import env_settings
 
 
@@ -25,9 +25,9 @@ def studio(given: argparse.Namespace) -> int:
     env_settings(None, model=given.model)  # refuses what is wrong
     folder, study = Path(given.out), None
     if given.study is not None:
-        from agents.people.folder import read_protocol
+        from agents.people.protocol import Protocol
 
-        study = read_protocol(given.study)
+        study = read(Protocol, given.study)
         folder /= Path(given.study).stem
     elif given.participant:
         raise InputError("--participant needs --study FILE")

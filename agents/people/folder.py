@@ -18,7 +18,7 @@ from agents.evaluation.provenance import now, write_json
 from agents.people.chain import Chain
 from agents.people.protocol import Protocol
 from agents.studio import PageError
-from wheelchair_gym.base.settings import InputError, dump, load, read_json
+from wheelchair_gym.base.settings import InputError, dump, load, read, read_json
 
 PROTOCOL, STEPS, TOMBSTONE = "protocol.json", "steps.jsonl", "deleted_{:04d}.json"
 DATA, WIDE, ATTEMPTS, DICTIONARY, PAGE = (
@@ -27,20 +27,6 @@ DATA, WIDE, ATTEMPTS, DICTIONARY, PAGE = (
 LARGEST = 9999  # number of a participant
 # Texts of a protocol, which an amendment may correct.
 _TEXTS: Final = re.compile(r"title|consent|.*\.text|questionnaires\..*\.(statements\.\d+|low|high)")
-
-
-def read_protocol(path: str | Path) -> Protocol:
-    """Read the protocol of a file.
-
-    Raises:
-        InputError: the file cannot be read, or a setting in it is wrong.
-    """
-    return load(Protocol, read_json(path), Path(path).name)
-
-
-def digest_of(protocol: Protocol) -> str:
-    """Return the SHA-256 checksum of a protocol."""
-    return hashlib.sha256(json.dumps(dump(protocol), sort_keys=True).encode()).hexdigest()
 
 
 def current_protocol(folder: Path) -> Protocol:
@@ -53,7 +39,7 @@ def current_protocol(folder: Path) -> Protocol:
         raise InputError(f"{folder}: no folder of an experiment; expected {PROTOCOL} in it")
     amendments = sorted(folder.glob("amendment_*.json"))
     if not amendments:
-        return read_protocol(folder / PROTOCOL)
+        return read(Protocol, folder / PROTOCOL)
     content = read_json(amendments[-1])
     if not isinstance(content, dict) or "protocol" not in content:
         raise InputError(f"{amendments[-1]}: expected at, changed and protocol")
@@ -61,7 +47,7 @@ def current_protocol(folder: Path) -> Protocol:
 
 
 def claim(folder: Path, protocol: Protocol) -> str:
-    """Write the protocol to its folder, or an amendment of its texts; return its checksum.
+    """Write the protocol to its folder, or an amendment of its texts; return its SHA-256 checksum.
 
     Raises:
         InputError: the folder belongs to another experiment.
@@ -79,7 +65,7 @@ def claim(folder: Path, protocol: Protocol) -> str:
         number = len(list(folder.glob("amendment_*.json"))) + 1
         content = {"at": now(), "changed": changed, "protocol": dump(protocol)}
         write_json(folder / f"amendment_{number:03d}.json", content)
-    return digest_of(protocol)
+    return hashlib.sha256(json.dumps(dump(protocol), sort_keys=True).encode()).hexdigest()
 
 
 def _changes(before: Any, after: Any, name: str = "") -> Iterator[str]:

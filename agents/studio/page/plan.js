@@ -147,7 +147,7 @@ export class PlanPage {
   choose(message) {
     this.kinds = message.shapes;
     this.on.planners.replaceChildren(...message.names.map(name => make(
-      "label", { className: "check" }, make("input", { type: "checkbox", value: name, checked: message.first.includes(name) }), " ", make("span", { t: `l_${name}` }),
+      "label", { className: "check" }, make("input", { type: "checkbox", value: name, checked: message.first.includes(name) }), " ", make("span", { t: `l_${name}` }, named("l", name)),
     )));
   }
 

@@ -388,6 +388,7 @@ def test_people_draw_plan_watch_and_save(opened):
     tab(page, "plan")
     for box in page.query_selector_all("#planners input"):
         box.set_checked(box.get_attribute("value") in ("visibility", "rrt_star", "swarm"))
+    assert "A*" in page.inner_text("#planners")
     page.check("#tool-start")
     page.mouse.click(*on_map(page, 2.0, 4.0))
     page.check("#tool-goal")
