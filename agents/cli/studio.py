@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
+from importlib.util import find_spec
 from pathlib import Path
 
 from agents.cli.arguments import map_scenes
-from agents.studio import check_extra
 from agents.studio.warm_up import WarmUp
 from wheelchair_gym.base.settings import InputError, read
 from wheelchair_gym.envs.settings import env_settings
@@ -14,7 +14,9 @@ from wheelchair_gym.envs.settings import env_settings
 
 def studio(given: argparse.Namespace) -> int:
     """Serve the page in the browser until Ctrl-C."""
-    check_extra()
+    if missing := [name for name in ("starlette", "uvicorn", "websockets") if not find_spec(name)]:
+        needs = ", ".join(missing)
+        raise InputError(f"wheelchair studio needs {needs}: pip install 'wheelchair_gym[studio]'")
     maps = map_scenes(given)
     if maps:
         from wheelchair_gym.maps import read_any_map

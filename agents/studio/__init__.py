@@ -6,7 +6,6 @@ The page draws and reads keys; the chair, its sensors and its judge are those of
 drives the simulated chair only.
 """
 
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -32,16 +31,3 @@ class PageError(InputError):
     def __init__(self, key: str, **values: object) -> None:
         super().__init__(page_texts()["en"][key].format(**values))
         self.key, self.values = key, values
-
-
-def check_extra() -> None:
-    """Refuse to begin where a package is missing.
-
-    Raises:
-        InputError: the extra 'studio' is not installed.
-    """
-    for name in ("starlette", "uvicorn", "websockets"):
-        if find_spec(name) is None:
-            raise InputError(
-                f"wheelchair studio needs {name}: pip install 'wheelchair_gym[studio]'"
-            )
