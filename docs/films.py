@@ -7,6 +7,7 @@ import re
 import sys
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -109,7 +110,40 @@ def draw_gain() -> Path:
     return FOLDER / "gain.png"
 
 
-DRAWN = {"gain": draw_gain, "skills": draw_skills, "tutorial": draw_tutorial}
+def draw_studio() -> Path:
+    """Drive among people and with hemianopia, and plan, in Chromium (`make browser`)."""
+    from tests.agents.studio.served import browsing, serving, until
+
+    walls = [[0, 3.3, 0.0, 3.3, 5.0], [0, 6.6, 2.5, 6.6, 8.0], [2, 4.4, 0.4, 5.4, 1.6]]
+    among = {"place": "scene:people", "sight": "none"}, 0, "body", "studio"
+    half = {"place": "scene:floor_plan", "sight": "hemianopia"}, 31, "#map", "studio_sight"
+    with TemporaryDirectory() as folder, serving(Path(folder)) as served, browsing() as browser:
+        page = browser.new_page(viewport={"width": 1280, "height": 900})
+        page.goto(f"{served.url}#drive")
+        for chosen, seed, what, name in (among, half):
+            until(page, "window.studio?.now?.waits", 600.0)
+            for key, value in chosen.items():
+                page.select_option(f"#{key}", value)
+            page.fill("#seed", f"{seed}")
+            page.click("#start")
+            until(page, f"studio.world.order.place === '{chosen['place']}' && studio.now?.waits")
+            page.keyboard.down("ArrowUp")
+            until(page, "studio.now.t > 3.4")
+            page.keyboard.press("p")
+            page.locator(what).screenshot(path=FOLDER / f"{name}.png")
+            page.keyboard.up("ArrowUp")
+            page.reload()
+        page.click("[data-page=plan]")
+        until(page, "studio.kinds?.length && studio.world")
+        page.evaluate("walls => { studio.shapes = walls; studio.redraw(); }", walls)
+        page.fill("#deadline", "3")
+        page.click("#plan")
+        until(page, "studio.answers.length > 5 && !studio.on.plan.disabled", 600.0)
+        page.locator("body").screenshot(path=FOLDER / "studio_plan.png")
+    return FOLDER / "studio.png"
+
+
+DRAWN = {"gain": draw_gain, "skills": draw_skills, "studio": draw_studio, "tutorial": draw_tutorial}
 DRAWN |= {name: partial(draw, name) for name in FILMS}
 
 if __name__ == "__main__":

@@ -41,7 +41,8 @@ from agents.learning.export import export_onnx
 from agents.learning.settings import read_training
 from agents.learning.weights import _digest, save_weights
 from agents.people.chain import Chain, read_chain
-from agents.people.folder import current_protocol, read_protocol
+from agents.people.folder import current_protocol
+from agents.people.protocol import Protocol
 from agents.policies import make_policy
 from agents.policies.sb3 import _algorithm
 from agents.studies.plan_pictures import problem_of
@@ -53,7 +54,7 @@ from tests.agents.learning.tiny_runs import random_weights
 from tests.conftest import ROOT
 from wheelchair_gym.base.errors import InputError
 from wheelchair_gym.base.files import read_json
-from wheelchair_gym.base.settings import dump
+from wheelchair_gym.base.settings import dump, read
 from wheelchair_gym.envs.settings import EnvSettings, env_settings
 from wheelchair_gym.hardware.ros.cdr import typestore
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid, read_any_map, write_map
@@ -648,7 +649,7 @@ READERS: dict[str, Reader] = {
         _shipped("planners.json"), lambda path: _use_each(path, PLANNERS, make_planner),
         ("cli.arguments.spec",),
     ),
-    "protocol": Reader(_protocol, read_protocol, ("people.folder.read_protocol",)),
+    "protocol": Reader(_protocol, lambda path: read(Protocol, path), ("base.settings.read",)),
     "amendment": Reader(
         _amendment, lambda path: current_protocol(path.parent), ("people.folder.current_protocol",)
     ),

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import argparse
+from importlib.util import find_spec
 from pathlib import Path
 
 from agents.cli.arguments import map_scenes
 from agents.cli.arguments import report as report_result
 from agents.evaluation.tables import columns_of, count, make_table
+from wheelchair_gym.base import settings
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs.settings import env_settings
 
 
 def studio(given: argparse.Namespace) -> int:
     """Serve the page in the browser until Ctrl-C."""
-    from agents.studio import check_extra
+    if missing := [name for name in ("starlette", "uvicorn", "websockets") if not find_spec(name)]:
+        needs = ", ".join(missing)
+        raise InputError(f"wheelchair studio needs {needs}: pip install 'wheelchair_gym[studio]'")
     from agents.studio.warm_up import WarmUp
 
-    check_extra()
     maps = map_scenes(given)
     if maps:
         from wheelchair_gym.maps import read_any_map
@@ -28,9 +31,9 @@ def studio(given: argparse.Namespace) -> int:
     env_settings(None, model=given.model)  # refuses what is wrong
     folder, study = Path(given.out), None
     if given.study is not None:
-        from agents.people.folder import read_protocol
+        from agents.people.protocol import Protocol
 
-        study = read_protocol(given.study)
+        study = settings.read(Protocol, given.study)
         folder /= Path(given.study).stem
     elif given.participant:
         raise InputError("--participant needs --study FILE")

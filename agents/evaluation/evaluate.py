@@ -18,7 +18,7 @@ import gymnasium
 import numpy as np
 
 from agents.evaluation import assisted, runs
-from agents.evaluation.metrics import Record, Trace, measure, shortest_path
+from agents.evaluation.metrics import Record, Trace, given_map, measure, shortest_path
 from agents.policies import GymPolicy, Policy, make_policy, spec_of
 from agents.policies.learned import weights_digest
 from agents.policies.planning import figures_of
@@ -160,7 +160,7 @@ def drive_episode(
         margin = min(margin, _margin(*(part.tobytes() for part in parts), task.footprint))
     shortest = shortest_path(task, world, info["pose"])
     trace = Trace(task.period, margin, task.limits.forward, shortest, world.reference_length)
-    trace.given_map = world.map if task.built_map is None else None
+    trace.given_map = given_map(env.unwrapped)
     if (world.actors.rows["kind"] == PERSON).any():
         trace.people = assisted.PeopleTrace(world, task.footprint)
         trace.people.add(env.unwrapped.chair.truth)

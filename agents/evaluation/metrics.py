@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import product
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import shapely
@@ -176,8 +176,43 @@ def halts(twists: Array, period: float) -> int:
     return int((spells * period >= HALT - 1e-9).sum())
 
 
+def touches(info: Mapping[str, Any]) -> bool:
+    """Return whether the chair touches something, by truth or as its board reports a bump."""
+    return bool(info["contact"]) or bool(info["bumped"])
+
+
+def given_map(world: Any) -> OccupancyGrid | None:
+    """Return the map that an environment gives its chair; None: the chair draws its own."""
+    return None if world.task.built_map is not None else cast(OccupancyGrid, world.episode.map)
+
+
+@dataclass(kw_only=True)
+class Ending:
+    """Events of an episode that decide its outcome, each from reset to the latest step."""
+
+    given_map: OccupancyGrid | None = None  # None: the chair draws its own
+    contact: bool = False
+    left_map: bool = False
+
+    def add(self, info: Mapping[str, Any]) -> None:
+        """Add one info of the environment."""
+        self.contact = self.contact or touches(info)
+        if self.given_map is not None and not self.given_map.inside(info["pose"][:2]):
+            self.left_map = True
+
+    def outcome(self, info: Mapping[str, Any], truncated: bool) -> str:
+        """Return how an episode ended, by its last info and whether its time was over."""
+        if self.contact:
+            return "collision"
+        if self.left_map:
+            return "left_map"
+        if info["is_success"]:
+            return "success"
+        return "timeout" if truncated else "missed"
+
+
 @dataclass
-class Trace:
+class Trace(Ending):
     """The true states of one episode: one entry for reset and each step."""
 
     period: float  # of control [s]
@@ -186,13 +221,11 @@ class Trace:
     shortest: Shortest = NO_SHORTEST  # path from the start to the goal's region
     reference: float | None = None  # path length of the BARN score, where the world names one [m]
     replans: int = 0  # plans made after the first
-    given_map: OccupancyGrid | None = None  # None: the chair draws its own
     people: PeopleTrace | None = None
     sticks: StickTrace | None = None
     poses: list[Array] = field(default_factory=list)
     twists: list[Array] = field(default_factory=list)
     clearances: list[float] = field(default_factory=list)
-    contact: bool = False
     at_fault: bool = False
     touched_actor: bool = False
     acts_s: list[float] = field(default_factory=list)
@@ -200,26 +233,13 @@ class Trace:
     planning: PlanningFigures = field(default_factory=PlanningFigures)
 
     def add(self, info: Mapping[str, Any]) -> None:
-        """Add one info of the environment."""
+        """See `Ending.add`."""
+        super().add(info)
         self.poses.append(np.array(info["pose"], dtype=np.float64))
         self.twists.append(np.array(info["twist"], dtype=np.float64))
         self.clearances.append(float(info["clearance"]))
-        self.contact = self.contact or bool(info["contact"]) or bool(info["bumped"])
         self.at_fault = self.at_fault or bool(info["at_fault"])
         self.touched_actor = self.touched_actor or int(info["contact_with"]) >= 0
-
-
-def outcome_of(
-    info: Mapping[str, Any], contact: bool, truncated: bool, left_map: bool = False
-) -> str:
-    """Return how an episode ended, by its last info and what happened in it."""
-    if contact:
-        return "collision"
-    if left_map:
-        return "left_map"
-    if info["is_success"]:
-        return "success"
-    return "timeout" if truncated else "missed"
 
 
 def measure(trace: Trace, info: Mapping[str, Any], truncated: bool) -> Record:
@@ -241,8 +261,7 @@ def measure(trace: Trace, info: Mapping[str, Any], truncated: bool) -> Record:
         drives.
     """
     poses, twists = np.array(trace.poses), np.array(trace.twists)
-    left = trace.given_map is not None and not trace.given_map.inside(poses[:, :2]).all()
-    outcome = outcome_of(info, trace.contact, truncated, left)
+    outcome = trace.outcome(info, truncated)
     success = outcome == "success"
     length = path_length(poses)
     geodesic, shortest = float(info["geodesic"]), trace.shortest.length

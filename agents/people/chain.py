@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from agents.evaluation.provenance import now
+from agents.studio import PageError
 from wheelchair_gym.base.files import parse_json, read_bytes, write_error
 from wheelchair_gym.base.settings import InputError
 
@@ -85,8 +86,8 @@ class Chain:
             _lock(self._file)
         except OSError:
             self.close()
-            where = f"participant {path.parent.name[-4:].lstrip('0')}"
-            raise InputError(f"{where} is open in another tab or program; close it there") from None
+            number = path.parent.name[-4:].lstrip("0")
+            raise PageError("open_elsewhere", number=number) from None
 
     def read(self) -> list[Record]:
         """Return all records; a line that was cut short becomes a record with its text.

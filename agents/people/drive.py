@@ -92,5 +92,6 @@ def drive_with_help(
             trace.add(now, limits.twist(action) - np.array(world.task.shield_intervention))
             twists.append(world.task.reading.twist)
             length += abs(float(twists[-1][0])) * period
-    figures = {"time": len(twists) * period, "length": length, "stops": stops, "ended": ended}
+    driven = (len(twists) - 1) * period
+    figures = {"time": driven, "length": length, "stops": stops, "ended": ended}
     return figures | trace.figures(np.array(twists), length) | late_steps(env)

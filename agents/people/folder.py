@@ -17,7 +17,8 @@ from typing import Any, Final
 from agents.evaluation.provenance import now, write_json
 from agents.people.chain import Chain
 from agents.people.protocol import Protocol
-from wheelchair_gym.base.settings import InputError, dump, load, read_json
+from agents.studio import PageError
+from wheelchair_gym.base.settings import InputError, dump, load, read, read_json
 
 PROTOCOL, STEPS, TOMBSTONE = "protocol.json", "steps.jsonl", "deleted_{:04d}.json"
 DATA, WIDE, ATTEMPTS, DICTIONARY, PAGE = (
@@ -26,20 +27,6 @@ DATA, WIDE, ATTEMPTS, DICTIONARY, PAGE = (
 LARGEST = 9999  # number of a participant
 # Texts of a protocol, which an amendment may correct.
 _TEXTS: Final = re.compile(r"title|consent|.*\.text|questionnaires\..*\.(statements\.\d+|low|high)")
-
-
-def read_protocol(path: str | Path) -> Protocol:
-    """Read the protocol of a file.
-
-    Raises:
-        InputError: the file cannot be read, or a setting in it is wrong.
-    """
-    return load(Protocol, read_json(path), Path(path).name)
-
-
-def digest_of(protocol: Protocol) -> str:
-    """Return the SHA-256 checksum of a protocol."""
-    return hashlib.sha256(json.dumps(dump(protocol), sort_keys=True).encode()).hexdigest()
 
 
 def current_protocol(folder: Path) -> Protocol:
@@ -52,7 +39,7 @@ def current_protocol(folder: Path) -> Protocol:
         raise InputError(f"{folder}: no folder of an experiment; expected {PROTOCOL} in it")
     amendments = sorted(folder.glob("amendment_*.json"))
     if not amendments:
-        return read_protocol(folder / PROTOCOL)
+        return read(Protocol, folder / PROTOCOL)
     content = read_json(amendments[-1])
     if not isinstance(content, dict) or "protocol" not in content:
         raise InputError(f"{amendments[-1]}: expected at, changed and protocol")
@@ -60,7 +47,7 @@ def current_protocol(folder: Path) -> Protocol:
 
 
 def claim(folder: Path, protocol: Protocol) -> str:
-    """Write the protocol to its folder, or an amendment of its texts; return its checksum.
+    """Write the protocol to its folder, or an amendment of its texts; return its SHA-256 checksum.
 
     Raises:
         InputError: the folder belongs to another experiment.
@@ -78,7 +65,7 @@ def claim(folder: Path, protocol: Protocol) -> str:
         number = len(list(folder.glob("amendment_*.json"))) + 1
         content = {"at": now(), "changed": changed, "protocol": dump(protocol)}
         write_json(folder / f"amendment_{number:03d}.json", content)
-    return digest_of(protocol)
+    return hashlib.sha256(json.dumps(dump(protocol), sort_keys=True).encode()).hexdigest()
 
 
 def _changes(before: Any, after: Any, name: str = "") -> Iterator[str]:
@@ -100,8 +87,8 @@ def folder_of(folder: Path, participant: int) -> Path:
     """
     if not 1 <= participant <= LARGEST:
         raise InputError(f"participant {participant}: expected a number from 1 to {LARGEST}")
-    if (tombstone := folder / TOMBSTONE.format(participant)).exists():
-        raise InputError(f"participant {participant} was deleted ({tombstone}); use another number")
+    if (folder / TOMBSTONE.format(participant)).exists():
+        raise PageError("deleted", number=participant)
     return folder / f"participant_{participant:04d}"
 
 
@@ -111,11 +98,14 @@ def delete(folder: Path, participant: int) -> int:
     Tables and reports of the folder hold the participant's figures, so they are deleted, too.
 
     Raises:
-        InputError: there is nothing of the participant, or their session is open.
+        InputError: there is nothing of the participant, it is behind a link, or their session is
+            open.
     """
     current_protocol(folder)
     tombstone = folder / TOMBSTONE.format(participant)
     own = folder / f"participant_{participant:04d}"
+    if links := [path for path in (own, *own.rglob("*")) if path.is_symlink()]:
+        raise InputError(f"{links[0]} is a link; expected the data themselves in its place")
     files = [path for path in own.rglob("*") if not path.is_dir()]
     if not files:
         raise InputError(f"{folder} holds nothing of participant {participant}")

@@ -1,10 +1,10 @@
-"""Conditions of an experiment compared within participants: tables, a page and tidy data."""
+"""Conditions compared within participants, and groups between them: tables and a page."""
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,14 @@ from agents.evaluation.metrics import Record
 from agents.evaluation.plots import paired
 from agents.evaluation.provenance import provenance
 from agents.evaluation.report import COLUMN_OF, LEVEL
-from agents.evaluation.statistics import effect_size, holm, median_interval, wilcoxon_p
+from agents.evaluation.statistics import (
+    effect_size,
+    estimate,
+    holm,
+    mann_whitney_p,
+    median_interval,
+    wilcoxon_p,
+)
 from agents.evaluation.tables import Table, columns_of, make_table, write_page
 from agents.people.export import TOTAL, export
 from agents.people.folder import DATA, PAGE
@@ -31,10 +38,11 @@ _NAME = {key: COLUMN_OF[key].name for key in DRIVE_MEASURES}
 ONLY_OF_SUCCESSES = (_NAME["time"], _NAME["length"])
 
 
-Values = Mapping[str, Mapping[tuple[int, str], float]]  # by condition: by participant and task
+Values = Mapping[tuple[int, str], float]  # by participant and task
 
 
-def _values(rows: Sequence[Record], measure: str, conditions: list[str]) -> Values:
+def _values(rows: Sequence[Record], measure: str, conditions: list[str]) -> Mapping[str, Values]:
+    """Values of a measure by condition; time and length of drives that succeeded."""
     succeeded = {
         (row["participant"], row["condition"], row["task"])
         for row in rows
@@ -50,7 +58,7 @@ def _values(rows: Sequence[Record], measure: str, conditions: list[str]) -> Valu
     return found
 
 
-def _means_of(values: Mapping[tuple[int, str], float]) -> dict[int, float]:
+def _means_of(values: Values) -> dict[int, float]:
     """The mean over tasks of each participant."""
     people = sorted({person for person, _ in values})
     return {p: float(np.mean([v for (who, _), v in values.items() if who == p])) for p in people}
@@ -64,57 +72,88 @@ def _measures(rows: Sequence[Record]) -> dict[str, str]:
             for name in names if name in units}  # fmt: skip
 
 
-def _tables(rows: Sequence[Record], conditions: list[str]) -> list[Table]:
-    """Means by condition, differences of pairs of conditions, and effects of periods and orders.
+def _within(ours: Values, others: Values) -> Record:
+    """Compare two conditions in the tasks that both have: the participants' differences."""
+    both = {key: others[key] - ours[key] for key in ours if key in others}
+    off = np.array(list(_means_of(both).values()))
+    if not len(off):
+        return {}
+    median, low, high = median_interval(off)
+    return {
+        "participants": len(off), "median": median, "low": low, "high": high, **effect_size(off),
+        "p": wilcoxon_p(off), "min_p": 2.0 ** (1 - len(off)), "test": f"{len(off)}, Wilcoxon's",
+    }  # fmt: skip
 
-    The rows are of one source.
-    """
-    source, most = rows[0]["source"], 0
+
+def _between(ours: Values, others: Values) -> Record:
+    """Compare two groups of participants: the difference of their means."""
+    x, y = (np.array(list(_means_of(of).values())) for of in (ours, others))
+    if not len(x) or not len(y):
+        return {}
+    low, high = estimate([{"": y}, {"": x}], [1.0, -1.0]).interval
+    return {
+        "participants": len(x) + len(y), "difference": float(y.mean() - x.mean()), "low": low,
+        "high": high, "p": mann_whitney_p(y, x), "min_p": 2.0 / math.comb(len(x) + len(y), len(x)),
+        "test": f"{len(x)} and {len(y)}, Mann and Whitney's",
+    }  # fmt: skip
+
+
+def _compared(
+    rows: Sequence[Record], names: list[str], compare: Callable[[Values, Values], Record]
+) -> tuple[list[list[Record]], list[list[Record]]]:
+    """Rows of means by condition (or group), and of comparisons of each two; both by measure."""
     means: list[list[Record]] = []
     tests: list[list[Record]] = []
-    periods: list[list[Record]] = []
     for measure, title in _measures(rows).items():
-        values = _values(rows, measure, conditions)
-        group: list[Record] = []
-        for name in conditions:
-            each = list(_means_of(values[name]).values())
-            if each:
-                sd = float(np.std(each, ddof=1)) if len(each) > 1 else math.nan
-                group.append({"measure": title, "condition": name, "participants": len(each),
-                              "mean": float(np.mean(each)), "sd": sd})  # fmt: skip
-        means.append(group)
-        group = []
-        for a, b in itertools.combinations(conditions, 2):
-            ours, others = values[a], values[b]  # compared in the tasks that both have
-            both = {key: others[key] - ours[key] for key in ours if key in others}
-            off = np.array(list(_means_of(both).values()))
-            if len(off):
-                median, low, high = median_interval(off)
-                most = max(most, len(off))
-                group.append({"measure": title, "pair": f"{b} - {a}", "participants": len(off),
-                              "median": median, "low": low, "high": high, **effect_size(off),
-                              "p": wilcoxon_p(off)})  # fmt: skip
-        for row, p in zip(group, holm([float(row["p"]) for row in group]), strict=True):
-            row["p_holm"] = p
-        tests.append(group)
-        periods.append(_periods([row for row in rows if row["measure"] == measure], title))
-    what = "Drives" if source == "drive" else source
-    pairs = len(conditions) * (len(conditions) - 1) // 2
-    named = (("conditions", means), ("differences within participants", tests),
-             ("effects of periods and orders", periods))  # fmt: skip
-    made = [make_table(f"{what}: {name}", columns_of(name.split()[0]), of) for name, of in named]
-    made[1] = made[1]._replace(note=_too_few(most, pairs))
-    return made
+        values = _values(rows, measure, names)
+        each = {name: list(_means_of(of).values()) for name, of in values.items()}
+        means.append([
+            {"measure": title, "name": name, "participants": len(of), "mean": float(np.mean(of)),
+             "sd": float(np.std(of, ddof=1)) if len(of) > 1 else math.nan}
+            for name, of in each.items() if of
+        ])  # fmt: skip
+        pairs = itertools.combinations(names, 2)
+        group = [{"measure": title, "pair": f"{b} - {a}", **found}
+                 for a, b in pairs if (found := compare(values[a], values[b]))]  # fmt: skip
+        adjusted = holm([float(row["p"]) for row in group])
+        tests.append([row | {"p_holm": p} for row, p in zip(group, adjusted, strict=True)])
+    return means, tests
 
 
-def _too_few(n: int, pairs: int) -> str:
-    """A warning where the smallest p that n participants can give is not small; else empty."""
-    smallest = min(1.0, pairs * 2.0 ** (1 - n))
-    if n == 0 or smallest < LEVEL:
+def _tables(rows: Sequence[Record], conditions: list[str], groups: list[str]) -> list[Table]:
+    """The tables of rows of one source; see `tables`."""
+    if not rows[0]["condition"]:  # asked once, at the end of the experiment
+        rows = [row | {"condition": "all"} for row in rows]
+        made = [("conditions", "conditions", _compared(rows, ["all"], _within)[0])]
+    else:
+        means, tests = _compared(rows, conditions, _within)
+        periods = [_periods([row for row in rows if row["measure"] == name], title)
+                   for name, title in _measures(rows).items()]  # fmt: skip
+        made = [("conditions", "conditions", means),
+                ("differences", "differences within participants", tests),
+                ("effects", "effects of periods and orders", periods)]  # fmt: skip
+    if groups:
+        rows = [row | {"condition": row["group"], "task": f"{row['condition']}/{row['task']}"}
+                for row in rows]  # fmt: skip
+        means, tests = _compared(rows, groups, _between)
+        made += [("groups", "groups", means), ("between", "differences between groups", tests)]
+    what = "Drives" if rows[0]["source"] == "drive" else rows[0]["source"]
+    return [
+        make_table(f"{what}: {name}", columns_of(columns), of)._replace(note=_too_few(of))
+        for columns, name, of in made
+    ]
+
+
+def _too_few(groups: list[list[Record]]) -> str:
+    """A warning where the smallest p that tests of pairs can give is not small; else empty."""
+    rows = [row for group in groups for row in group if "min_p" in row]
+    best = min(rows, key=lambda row: float(row["min_p"]), default=None)
+    pairs = max(map(len, groups), default=0)
+    if best is None or pairs * best["min_p"] < LEVEL:
         return ""
     return (
-        f"Warning: with n = {n}, Wilcoxon's test of {pairs} pairs cannot give an adjusted p below "
-        f"{smallest:.2g}: no difference can be significant at {LEVEL:g}."
+        f"Warning: with n = {best['test']} test of {pairs} pairs cannot give an adjusted p below "
+        f"{min(1.0, pairs * best['min_p']):.2g}: no difference can be significant at {LEVEL:g}."
     )
 
 
@@ -151,20 +190,18 @@ def _periods(rows: Sequence[Record], title: str) -> list[Record]:
 
 
 def tables(protocol: Protocol, rows: Sequence[Record]) -> list[Table]:
-    """Three tables for the drives and for each questionnaire of the rows of `export.tidy`.
+    """Tables for the drives and for each questionnaire of the rows of `export.tidy`.
 
     The first has the mean of each condition over participants, the second paired differences with
-    Wilcoxon's signed-rank test, the third effects of periods and orders. Time and length count
-    where the drive succeeded.
+    Wilcoxon's signed-rank test, the third effects of periods and orders; two more compare groups,
+    where there are any. Time and length count where the drive succeeded.
     """
     conditions = [condition.name for condition in protocol.conditions]
+    groups = [group.name for group in protocol.groups]
     made: list[Table] = []
     for source in dict.fromkeys(row["source"] for row in rows):
         found = [row for row in rows if row["source"] == source]
-        if found[0]["condition"]:
-            made += _tables(found, conditions)
-        else:  # asked once, at the end of the experiment
-            made += _tables([row | {"condition": "all"} for row in found], ["all"])[:1]
+        made += _tables(found, conditions, groups)
     return made
 
 

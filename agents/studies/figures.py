@@ -13,14 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from agents.evaluation.plots import (
-    COLOURS,
-    DASHES,
-    MARKS,
-    error_bars,
-    new_axes,
-    new_panels,
-)
+from agents.evaluation.plots import COLOURS, DASHES, MARKS, error_bars, new_axes, new_panels
 from agents.evaluation.statistics import estimate, wilson
 from agents.studies.claims import between, fit_reading
 from agents.studies.experiments import lab_problem, problem_of

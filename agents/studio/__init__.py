@@ -6,7 +6,6 @@ The page draws and reads keys; the chair, its sensors and its judge are those of
 drives the simulated chair only.
 """
 
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -21,14 +20,14 @@ def page_texts() -> dict[str, Any]:
     return {file.stem: read_json(file) for file in sorted((PAGE / "texts").glob("*.json"))}
 
 
-def check_extra() -> None:
-    """Refuse to begin where a package is missing.
+class PageError(InputError):
+    """An error that the page tells in its language; as an exception, in English.
 
-    Raises:
-        InputError: the extra 'studio' is not installed.
+    Args:
+        key: of a text of the page.
+        values: in the text.
     """
-    for name in ("starlette", "uvicorn", "websockets"):
-        if find_spec(name) is None:
-            raise InputError(
-                f"wheelchair studio needs {name}: pip install 'wheelchair_gym[studio]'"
-            )
+
+    def __init__(self, key: str, **values: object) -> None:
+        super().__init__(page_texts()["en"][key].format(**values))
+        self.key, self.values = key, values

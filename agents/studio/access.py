@@ -17,18 +17,19 @@ from http.cookies import CookieError, SimpleCookie
 from typing import Any, Final
 from urllib.parse import parse_qs, urlsplit
 
+from starlette.datastructures import MutableHeaders
+from starlette.responses import PlainTextResponse, RedirectResponse
+
 MAX_BYTES: Final = 32 << 20  # of an upload, such as a map
 _PER_SECOND, _BURST = 100.0, 400.0  # requests of one client
 _CLIENTS = 256  # whose rates are remembered
-_HEADERS: Final = (
-    (b"content-security-policy",
-     b"default-src 'self'; img-src 'self' data: blob:; object-src 'none'; base-uri 'none'; "
-     b"form-action 'self'; frame-ancestors 'none'"),
-    (b"x-content-type-options", b"nosniff"),
-    (b"referrer-policy", b"same-origin"),
-    (b"cross-origin-resource-policy", b"same-origin"),
-    (b"cache-control", b"no-store"),
-)  # fmt: skip
+_HEADERS: Final = {
+    "content-security-policy":
+    "default-src 'self'; img-src 'self' data: blob:; object-src 'none'; base-uri 'none'; "
+    "form-action 'self'; frame-ancestors 'none'",
+    "x-content-type-options": "nosniff", "referrer-policy": "same-origin",
+    "cross-origin-resource-policy": "same-origin", "cache-control": "no-store",
+}  # fmt: skip
 
 
 class Bucket:
@@ -134,26 +135,19 @@ class Guard:
             else:
                 await self._app(scope, receive, send)
         elif status:
-            await _answer(send, status, reason, [(b"connection", b"close")])
+            headers = _HEADERS | {"connection": "close"}
+            await PlainTextResponse(f"{reason}\n", status, headers)(scope, receive, send)
         elif path == access.home and access.gives_token(scope):
-            cookie = access.cookie(scope["server"][1])
-            more = [(b"location", access.home.encode()), (b"set-cookie", cookie.encode())]
-            await _answer(send, 303, "", more)
+            headers = _HEADERS | {"set-cookie": access.cookie(scope["server"][1])}
+            await RedirectResponse(access.home, 303, headers)(scope, receive, send)
         else:
 
             async def send_safe(message: Any) -> None:
                 if message["type"] == "http.response.start":
-                    message = {**message, "headers": [*message["headers"], *_HEADERS]}
+                    MutableHeaders(scope=message).update(_HEADERS)
                 await send(message)
 
             await self._app(scope, receive, send_safe)
-
-
-async def _answer(send: Any, status: int, text: str, more: Any = ()) -> None:
-    """A whole answer of plain text."""
-    headers = [(b"content-type", b"text/plain; charset=utf-8"), *_HEADERS, *more]
-    await send({"type": "http.response.start", "status": status, "headers": headers})
-    await send({"type": "http.response.body", "body": f"{text}\n".encode()})
 
 
 def _equal(given: str, token: str) -> bool:

@@ -113,9 +113,10 @@ class CompareSession(PageSession):
     def on_run(self, message: Message) -> None:
         """Drive an episode of a run again, by two of its policies."""
         config = self._results(message["run"])["provenance"]["config"]
-        scene = _labelled(config["scenes"], message["scene"], "scene")
+        known = {of: {label(one): one for one in config[of]} for of in ("scenes", "policies")}
+        scene = entry(known["scenes"], message["scene"], "run.scene")
         for side in _SIDES:
-            policy = _labelled(config["policies"], message[side], "policy")
+            policy = entry(known["policies"], message[side], f"run.{side}")
             env = env_settings(**config["env"])
             self._drive(side, message[side], policy, scene, env, message["seed"])
 
@@ -132,18 +133,6 @@ class CompareSession(PageSession):
         except (KeyError, TypeError):
             raise InputError(f"{name}: expected results of `wheelchair compare`") from None
         return results
-
-
-def _labelled(specs: Any, name: str, what: str) -> Any:
-    """Return the policy or the scene of a label.
-
-    Raises:
-        InputError: there is none.
-    """
-    for spec in specs:
-        if label(spec) == name:
-            return spec
-    raise InputError(f"{what} {name!r}: expected one of the run's")
 
 
 def _found(folder: Path) -> tuple[dict[str, Path], dict[str, Path]]:

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from agents.evaluation.metrics import Shortest, outcome_of, shortest_path
+from agents.evaluation.metrics import Ending, Shortest, given_map, shortest_path, touches
 from agents.people import is_shielded, make_assistant
 from agents.people.assistant import AssistMission
 from agents.studio.catalogue import ANY_TIME, NO_HAND, NO_SIGHT, Place
@@ -118,8 +118,13 @@ class Drive:
             episode = dataclasses.replace(self._world.episode, time_limit=ANY_TIME)
             _, self._info = self._world.reset(seed=seed, options={"episode": episode})
         self._start, self._minimum = self._info["pose"], self._info["clearance"]
-        self._contact, self._changed = bool(self._info["contact"]), 0
-        self._truncated = False
+        self._changed, self._truncated = 0, False
+        self._ending = self._new_ending()
+        self._ending.given_map = given_map(self._world)
+        self._ending.add(self._info)
+
+    def _new_ending(self) -> Ending:
+        return Ending()
 
     def set_assistant(self, name: Any) -> None:
         """Change the assistant from now on.
@@ -207,7 +212,7 @@ class Drive:
         self._info, self.steps = info, self.steps + 1
         self.over, self._truncated = bool(ended or truncated), bool(truncated and not ended)
         self._minimum = min(self._minimum, info["clearance"])
-        self._contact |= bool(info["contact"])
+        self._ending.add(info)
         given = task.limits.twist(action) - np.array(task.shield_intervention)
         v, w = task.limits.twist_of(stick.forward, stick.left)
         self._changed += bool(max(abs(given[0] - v), abs(given[1] - w)) > HELP)
@@ -261,7 +266,7 @@ class Drive:
     def summary(self) -> dict[str, Any]:
         """The figures of the drive so far, and its outcome as `compare` names it."""
         info = self._info
-        outcome = outcome_of(info, self._contact, self._truncated) if self.over else "stopped"
+        outcome = self._ending.outcome(info, self._truncated) if self.over else "stopped"
         return {
             "outcome": outcome, "time": float(info["time"]), "length": float(info["distance"]),
             "shortest": self.shortest().length, "clearance_min": float(self._minimum),
@@ -296,7 +301,7 @@ class Drive:
             "clearance": truth.clearance, "least": self._minimum, "energy": info["energy"],
             "way": truth.distance, "to_go": world.task.way_to_go(truth.pose),
             "sonar": reading.ultrasonic, "actors": truth.actor_poses, "tracks": self._tracks,
-            "contact": bool(info["contact"]), "battery": reading.battery,
+            "contact": touches(info), "battery": reading.battery,
             "stands": active_stops(reading.halted, shield),
             "lit": "" if self._hand is None else self._hand.lit, "waits": not self.steps,
             # Angles left, right and of neglect [rad], and the sectors that go unnoticed.

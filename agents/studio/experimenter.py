@@ -5,6 +5,7 @@ It has a token of its own, which opens nothing else; the participants' token doe
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
@@ -36,12 +37,14 @@ class Desk:
 
     Attributes:
         open: the page session of each participant with an open page, by number.
+        lock: held while a session opens or closes, so that a remark finds it open or closed.
     """
 
     def __init__(self, folder: Path, protocol: Protocol) -> None:
         claim(folder, protocol)
         self.folder, self.protocol = folder, protocol
         self.open: dict[int, Any] = {}
+        self.lock = threading.Lock()
 
     def act(self, number: int, action: str, text: str) -> None:
         """Record a remark about a participant, or abort the drive of one whose page is open.
@@ -49,21 +52,21 @@ class Desk:
         Raises:
             InputError: the number has no records, the text is empty, or it cannot be written.
         """
-        page = self.open.get(number)
-        if action == "abort":
-            if page is None:
-                raise InputError(f"participant {number} has no page open")
-            page.receive({"type": "abort"})
-            return
-        if action not in REMARKS or not text.strip():
+        if action != "abort" and (action not in REMARKS or not text.strip()):
             raise InputError("expected a text, and note or adverse_event")
-        if page is not None:
-            page.remark(action, text)
-            return
-        if not progress_of(self.folder, self.protocol, number).last:
-            raise InputError(f"participant {number} has not begun")
-        with closing(Session(self.folder, self.protocol, number)) as session:
-            session.mark(action, text=text)
+        with self.lock:
+            page = self.open.get(number)
+            if page is not None and action == "abort":
+                page.receive({"type": "abort"})
+            elif page is not None:
+                page.remark(action, text)
+            elif action == "abort":
+                raise InputError(f"participant {number} has no page open")
+            elif progress_of(self.folder, self.protocol, number).last:
+                with closing(Session(self.folder, self.protocol, number)) as session:
+                    session.mark(action, text=text)
+            else:
+                raise InputError(f"participant {number} has not begun")
 
     def page(self, error: str = "") -> str:
         """Return the page as HTML."""

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
+from agents.studio import PageError
 from wheelchair_gym.base.errors import shorten
 from wheelchair_gym.base.files import parse_json
 from wheelchair_gym.base.settings import InputError
@@ -179,6 +180,11 @@ class Outbox:
         self._messages.append(json.dumps({"type": kind, **plain(content)}, allow_nan=False))
         self._wake()
 
+    def refuse(self, error: Exception) -> None:
+        """Queue the message of an error, with the key and values of its text, if it has one."""
+        key, values = getattr(error, "key", ""), getattr(error, "values", {})
+        self.send("error", text=str(error), key=key, values=values)
+
     def show(self, head: Message, ranges: bytes) -> None:
         """Queue a picture, in place of a waiting one: length of the head, head, laser ranges."""
         text = json.dumps(plain(head), separators=(",", ":")).encode()
@@ -228,7 +234,7 @@ class PageSession:
         try:
             self._waiting.put_nowait(message)
         except queue.Full:
-            raise InputError("too many messages wait; try again") from None
+            raise PageError("try_again") from None
 
     def close(self) -> None:
         """End the thread, and what it is doing as soon as that can be ended."""
@@ -248,7 +254,8 @@ class PageSession:
         try:
             getattr(self, f"on_{message['type']}")(message)
         except InputError as error:
-            self._out.send("error", text=str(error))
+            self._out.refuse(error)
         except Exception as error:
             _LOG.exception("studio: %s failed", message["type"])
-            self._out.send("error", text=f"{message['type']}: {type(error).__name__}: {error}")
+            text = f"{message['type']}: {type(error).__name__}: {error}"
+            self._out.refuse(InputError(text))

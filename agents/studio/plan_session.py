@@ -8,7 +8,7 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any, Final
 
-from agents.studio import drawing, messages
+from agents.studio import PageError, drawing, messages
 from agents.studio.catalogue import Place
 from agents.studio.messages import Fields, Message, Outbox, PageSession, entry
 from agents.studio.planning import answer, frames_of, problem_of
@@ -123,7 +123,7 @@ class PlanSession(PageSession):
     def _stage(self, name: str) -> None:
         """Tell how far loading is, or end it by an `InputError` where it was cancelled."""
         if self._cancelled.is_set() or self._closing.is_set():
-            raise InputError("loading was cancelled; the map is as it was")
+            raise PageError("load_cancelled")
         self._out.send("loading", stage=name)
 
     def on_draw(self, message: Message) -> None:

@@ -10,8 +10,8 @@ import os
 import re
 import socket
 import sys
-import threading
 from collections.abc import Mapping
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
@@ -75,8 +75,6 @@ class Studio:
         self.warm_up = warm_up or WarmUp()
         self._own_map, self._model = own_map, model
         self._pages = 0
-        self._places: dict[str, Any] = {}
-        self._lock = threading.Lock()
 
     def app(self) -> Any:
         """The ASGI application."""
@@ -97,14 +95,12 @@ class Studio:
         routes.append(Mount("/", StaticFiles(directory=PAGE, html=True)))
         return Guard(Starlette(routes=routes), self.experimenter, self.access)
 
+    @cached_property
     def places(self) -> dict[str, Any]:
-        """Return the places to drive in, by key; loaded once."""
+        """Places to drive in, by key."""
         from agents.studio.catalogue import places
 
-        with self._lock:
-            if not self._places:
-                self._places = places(self._own_map, self._model)
-        return self._places
+        return places(self._own_map, self._model)
 
     async def _file(self, request: Any) -> Any:
         """A recording, a film or a map of the folder, by its bare name."""
@@ -186,7 +182,7 @@ def make_session(page: str, studio: Studio, out: Outbox) -> Any:
     from agents.studio.plan_session import PlanSession
     from agents.studio.session import DriveSession
 
-    places = studio.places()
+    places = studio.places
     # Worlds of the twin are the same as those without it.
     simulated = {key: place for key, place in places.items() if not place.twin}
     out.send("choices", **choices(places if page == "drive" else simulated))
@@ -224,7 +220,7 @@ async def _receive_all(connection: Any, session: Any, out: Outbox) -> None:
             session.receive(read_message(event["text"], session.fields))
         except InputError as error:
             broken += 1
-            out.send("error", text=str(error))
+            out.refuse(error)
             if broken > _BROKEN:
                 await connection.close(1008, "too many broken messages")
                 return

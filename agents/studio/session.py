@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Final
 
 from agents.people import ASSISTANTS, is_shielded
-from agents.studio import messages
+from agents.studio import PageError, messages
 from agents.studio.catalogue import NO_HAND, NO_SIGHT, RATES, Place
 from agents.studio.drive import Drive, Order
 from agents.studio.messages import IDLE, Fields, Message, Outbox, PageSession, entry
@@ -111,7 +111,8 @@ class DriveSession(PageSession):
             drive.step(forward, left, by)
         except Exception as error:  # an assistant of somebody's, a full disk: the chair stops
             _LOG.exception("studio: the drive failed")
-            self._out.send("error", text=f"the drive ended: {type(error).__name__}: {error}")
+            text = f"{type(error).__name__}: {error}"
+            self._out.refuse(PageError("drive_failed", text=text))
             self._end()
             if not drive.steps:
                 self._unbegun()
@@ -213,7 +214,7 @@ class DriveSession(PageSession):
             drive.close()
         except Exception as error:
             _LOG.exception("studio: the drive could not be ended")
-            self._out.send("error", text=f"the recording may be cut: {error}")
+            self._out.refuse(PageError("recording_cut", text=error))
         if drive.steps:
             self._recorded = drive.file
             self._out.send("ended", **drive.summary())

@@ -50,29 +50,25 @@ class MeasuredDrive(Drive):
 
     blind = True
     begun: Callable[[], None]
+    _ending: Trace
 
-    def _begin(self) -> None:
-        super()._begin()
-        task = self._world.task
-        reference = self._world.episode.reference_length
-        self._trace = Trace(task.period, top=task.limits.forward, reference=reference)
-        self._trace.sticks = StickTrace(task.limits, task.period)
-        self._trace.add(self._info)
+    def _new_ending(self) -> Trace:
+        task, reference = self._world.task, self._world.episode.reference_length
+        self._sticks, top = StickTrace(task.limits, task.period), task.limits.forward
+        return Trace(task.period, top=top, reference=reference, sticks=self._sticks)
 
     def _advance(self, stick: Stick) -> None:
         if not self.steps:
             self.begun()
         super()._advance(stick)
-        task, trace = self._world.task, self._trace
+        task = self._world.task
         given = task.limits.twist(np.array(task.action)) - np.array(task.shield_intervention)
-        trace.add(self._info)
-        if trace.sticks is not None:
-            trace.sticks.add(stick, given)
+        self._sticks.add(stick, given)
 
     def figures(self) -> Record:
         """The figures so far; a drive that was given up has not arrived."""
-        self._trace.shortest = self.shortest()
-        return measure(self._trace, self._info, self._truncated)
+        self._ending.shortest = self.shortest()
+        return measure(self._ending, self._info, self._truncated)
 
     def summary(self) -> dict[str, Any]:
         """The outcome alone."""
@@ -130,8 +126,9 @@ class StudySession(DriveSession):
         """End the drive, and let others open the participant's session."""
         self._end()
         if self._desk is not None and self._session is not None:
-            self._desk.open.pop(self._session.participant, None)
-            self._session.close()
+            with self._desk.lock:
+                self._desk.open.pop(self._session.participant, None)
+                self._session.close()
         self._session = None
 
     def _of(self) -> Session:
@@ -193,8 +190,9 @@ class StudySession(DriveSession):
         if progress.last and not message["resume"]:
             self._out.send("known", number=message["number"], **progress.row())
             return
-        self._session = Session(desk.folder, desk.protocol, message["number"])
-        desk.open[message["number"]] = self
+        with desk.lock:
+            self._session = Session(desk.folder, desk.protocol, message["number"])
+            desk.open[message["number"]] = self
         if self._session.progress.state == State.PAUSED:
             self._session.mark("resumed")
         self._send_step()
@@ -267,7 +265,7 @@ class StudySession(DriveSession):
         try:
             self._of().end(outcome, figures)
         except InputError as error:
-            self._out.send("error", text=str(error))
+            self._out.refuse(error)
         self._send_step(outcome)
 
     def _unbegun(self) -> None:

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from agents.evaluation.metrics import outcome_of
+from agents.evaluation.metrics import Ending, given_map
 from agents.studio.drive import HELP, world_of
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.recording.replay import RecordedEpisode, read_recording, replay_env
@@ -48,9 +48,9 @@ class Track:
         self._stick = task.stick
         reason = shield.decision.reason if shield is not None and task.is_shielded else ""
         helps = bool(np.abs(given - stick).max() > HELP)
+        touched = bool(truth.contact or task.reading.bumped)
         for kind, on, more in (
-            ("contact", bool(truth.contact), ""), ("shield", bool(reason), reason),
-            ("help", helps, ""),
+            ("contact", touched, ""), ("shield", bool(reason), reason), ("help", helps, ""),
         ):  # fmt: skip
             if on and time - self._last.get(kind, -np.inf) > _PAUSE:
                 self._events.append([time, kind, more])
@@ -94,15 +94,16 @@ def recorded_track(path: Path, number: int, name: str, stop: Any = None) -> dict
     episodes = read_recording(path)
     if number >= len(episodes):
         raise InputError(f"{name}: episode {number}; it has {len(episodes)}, from 0")
-    track, contact = Track(stop), False
+    track, ending = Track(stop), Ending()
     with closing(_replayed(episodes[number])) as states:
         for env, step in states:
             *_, ended, truncated, info = step
-            contact |= bool(info["contact"])
+            ending.given_map = given_map(env)
+            ending.add(info)
             if track(env):
                 break
     timeout = truncated and not ended
-    outcome = outcome_of(info, contact, timeout) if ended or truncated else "stopped"
+    outcome = ending.outcome(info, timeout) if ended or truncated else "stopped"
     return track.content(name, outcome)
 
 

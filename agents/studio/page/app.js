@@ -7,9 +7,7 @@ import { PlanPage } from "./plan.js";
 import { StudyPage } from "./study.js";
 
 /** What there is to do, for somebody who is here for the first time. */
-class WelcomePage {
-  constructor(root) { build(root, by("welcome-page").innerHTML); }
-}
+function WelcomePage(root) { build(root, by("welcome-page").innerHTML); }
 
 const PAGES = { welcome: WelcomePage, drive: DrivePage, plan: PlanPage, compare: ComparePage, study: StudyPage };
 const allowed = await (await fetch("pages")).json(); // of this server

@@ -1,5 +1,5 @@
 // The page Compare: two drives of one episode beside each other, with one clock.
-import { build, Link, make, option, places, play, say, showError } from "./link.js";
+import { build, Link, make, named, option, places, play, say, showError } from "./link.js";
 import { text } from "./texts.js";
 import { drawActors, drawChair, drawGoal, drawWorld, View } from "./view.js";
 
@@ -9,6 +9,9 @@ const FIGURES = {
   r_least: one => `${one.clearance_min.toFixed(3)} m`, r_energy: one => `${one.energy.toFixed(2)} Wh`,
 };
 const T = 0, POSE = 1, TWIST = 4, GIVEN = 6, STICK = 8, CLEARANCE = 10; // columns of a state
+
+/** A policy or an assistant in words. */
+const shown = name => named("n", named("y", name));
 
 export class ComparePage {
   constructor(root, looks) {
@@ -21,7 +24,7 @@ export class ComparePage {
     this.link = new Link("compare", {
       choices: message => { this.on.place.replaceChildren(...places(message.places)); this.on.place.value = message.first; },
       sources: message => this.choose(message), run: message => this.chosen(message), track: message => this.take(message),
-      driving: message => this.banner(text("drives_now", { name: message.name })), error: () => { this.busy(false); this.banner(""); },
+      driving: message => this.banner(text("drives_now", { name: shown(message.name) })), error: () => { this.busy(false); this.banner(""); },
       lost: () => this.busy(true),
     });
   }
@@ -74,8 +77,7 @@ export class ComparePage {
   choose(message) {
     this.sources = message;
     const options = names => names.map(name => new Option(name, name));
-    this.on.driver.replaceChildren(...options(message.drivers));
-    this.on.driver.options[0].textContent = text("nobody");
+    this.on.driver.replaceChildren(...message.drivers.map(name => option("h", name)));
     this.on.driver.value = "novice";
     this.on.file.replaceChildren(...options(message.recordings));
     this.on.run.replaceChildren(...options(message.runs));
@@ -90,7 +92,7 @@ export class ComparePage {
   fill() {
     const { policies, assistants, drivers } = this.sources, nobody = this.on.driver.value === drivers[0];
     for (const [name, first] of [["left", nobody ? "lattice+window" : "direct"], ["right", nobody ? "ppo_guided" : "shared_dwa"]]) {
-      this.on[name].replaceChildren(...(nobody ? policies : assistants).map(one => option("n", one)));
+      this.on[name].replaceChildren(...(nobody ? policies : assistants).map(one => option(nobody ? "y" : "n", one)));
       this.on[name].value = first;
     }
   }
@@ -123,13 +125,13 @@ export class ComparePage {
     for (const name of SIDES) {
       const track = this.tracks[name];
       if (!track) continue;
-      this.on[`name-${name}`].textContent = this.on[`head-${name}`].textContent = track.name;
+      this.on[`name-${name}`].textContent = this.on[`head-${name}`].textContent = shown(track.name);
       this.on[`events-${name}`].replaceChildren(...track.events.slice(0, 60).map(([t, kind, more]) =>
         make("button", { onclick: () => this.go(t) }, `${t.toFixed(1)} s ${text(`e_${kind}`)}${more ? `: ${text(more)}` : ""}`)));
     }
-    this.on.rows.replaceChildren(...Object.entries(FIGURES).map(([name, shown]) => make(
+    this.on.rows.replaceChildren(...Object.entries(FIGURES).map(([name, value]) => make(
       "tr", {}, make("th", { scope: "row" }, text(name)),
-      ...SIDES.map(one => make("td", {}, this.tracks[one] ? shown(this.tracks[one].figures) : "–")),
+      ...SIDES.map(one => make("td", {}, this.tracks[one] ? value(this.tracks[one].figures) : "–")),
     )));
   }
 
@@ -159,13 +161,8 @@ export class ComparePage {
 
   /** The number of the state at the clock, or of the last one. */
   at(track) {
-    const { states } = track, time = Number(this.on.time.value) + 1e-6;
-    let low = 0, high = states.length - 1;
-    while (low < high) {
-      const middle = (low + high + 1) >> 1;
-      if (states[middle][T] <= time) low = middle; else high = middle - 1;
-    }
-    return low;
+    const time = Number(this.on.time.value) + 1e-6;
+    return Math.max(0, track.states.findLastIndex(state => state[T] <= time));
   }
 
   draw(name) {

@@ -42,7 +42,7 @@ export class DrivePage {
     return {
       choices: message => this.choose(message), progress: state => this.prepared(state), busy: () => { this.waiting = true; this.banner(text("busy")); },
       world: message => this.begin(message), picture: (head, ranges) => this.take(head, ranges), ended: message => this.end(message),
-      unbegun: () => { this.running = false; this.buttons(); this.banner(text("stopped")); },
+      unbegun: () => { this.running = false; this.buttons(); this.banner(text("end_stopped")); },
       assist: message => { if (message.anew) say(text("anew")); }, paused: message => this.pausedNow(message.on),
       filming: () => { this.on.film.disabled = true; this.banner(text("filming")); },
       film: message => this.filmed(message.file), error: () => { this.on.start.disabled = false; this.on.film.disabled = this.waiting = false; if (!this.running) this.banner(""); },
@@ -268,7 +268,7 @@ export class DrivePage {
     this.running = false;
     this.result = message;
     this.buttons();
-    const words = text(message.outcome);
+    const words = text(`end_${message.outcome}`);
     this.banner(words, message.outcome === "success" ? "good" : message.outcome === "collision" ? "alarm" : "");
     this.on.outcome.textContent = words;
     this.on.figures.textContent = text("figures", {

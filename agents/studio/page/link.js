@@ -30,7 +30,7 @@ export class Link {
       if (typeof event.data !== "string") { this.picture(event.data, on.picture); return; }
       const message = JSON.parse(event.data);
       if (message.type === "progress") { showProgress(message); on.progress?.(message); }
-      else if (message.type === "error") { showError(message.text); on.error?.(message); }
+      else if (message.type === "error") { showError(message.key ? text(message.key, message.values) : message.text); on.error?.(message); }
       else on[message.type]?.(message);
     };
     this.socket.onclose = () => { if (!this.closed) { by("lost").hidden = false; by("progress").hidden = true; on.lost?.(); } };
@@ -58,10 +58,16 @@ export function make(tag, { t, ...properties } = {}, ...children) {
   return one;
 }
 
-/** An option of a value, in words where a text of the kind and the name is known. */
-export function option(kind, name, value = name) {
+/** A name in words, where a text of the kind and the name is known. */
+export function named(kind, name) {
   const t = `${kind}_${name}`;
-  return text(t) === t ? new Option(name, value) : make("option", { value, t }, text(t));
+  return text(t) === t ? name : text(t);
+}
+
+/** An option of a value, in words where they are known. */
+export function option(kind, name, value = name) {
+  const words = named(kind, name);
+  return words === name ? new Option(name, value) : make("option", { value, t: `${kind}_${name}` }, words);
 }
 
 /** Options of places, which have names where they are scenes. */

@@ -1,5 +1,5 @@
 // The page Plan: draw a map, let planners answer on it, and watch how they came to their paths.
-import { build, Link, make, mark, places, play, say, showError } from "./link.js";
+import { build, Link, make, mark, named, places, play, say, showError } from "./link.js";
 import { text } from "./texts.js";
 import { drawGoal, drawWorld, View } from "./view.js";
 
@@ -22,8 +22,8 @@ export class PlanPage {
     this.listen();
     this.link = new Link("plan", {
       planners: message => this.choose(message), choices: message => this.on.place.replaceChildren(...places(message.places)), map: message => this.take(message),
-      planning: message => { this.planner = message.planner; this.banner(text("planning", message)); },
-      progress: state => { if (this.planner && state.kernel) this.banner(`${text("planning", { planner: this.planner })}. ${text("compile_now", state)}`); }, plan: message => this.answer(message),
+      planning: message => { this.planner = named("l", message.planner); this.banner(text("planning", this)); },
+      progress: state => { if (this.planner && state.kernel) this.banner(`${text("planning", this)}. ${text("compile_now", state)}`); }, plan: message => this.answer(message),
       planned: () => this.planned(), growth: message => this.grow(message), saved: message => this.saved(message.files),
       loading: ({ stage }) => this.banner(text(`load_${stage}`)),
       error: () => { this.planner = ""; this.on.plan.disabled = false; this.on.cancel.hidden = true; this.banner(""); }, lost: () => { this.on.plan.disabled = true; },
@@ -147,7 +147,7 @@ export class PlanPage {
   choose(message) {
     this.kinds = message.shapes;
     this.on.planners.replaceChildren(...message.names.map(name => make(
-      "label", { className: "check" }, make("input", { type: "checkbox", value: name, checked: message.first.includes(name) }), ` ${name}`,
+      "label", { className: "check" }, make("input", { type: "checkbox", value: name, checked: message.first.includes(name) }), " ", make("span", { t: `l_${name}` }, named("l", name)),
     )));
   }
 
@@ -187,7 +187,7 @@ export class PlanPage {
     this.on.plan.disabled = false;
     this.on.cancel.hidden = true;
     const solved = this.answers.filter(one => one.length !== null).sort((a, b) => a.length - b.length);
-    const words = solved.length ? text("best", { planner: solved[0].planner, length: solved[0].length.toFixed(2) }) : text("no_path");
+    const words = solved.length ? text("best", { planner: named("l", solved[0].planner), length: solved[0].length.toFixed(2) }) : text("no_path");
     this.banner(words);
     say(words);
   }
@@ -195,14 +195,14 @@ export class PlanPage {
   list() {
     const fixed = (value, digits) => (value === null ? "–" : value.toFixed(digits));
     const watch = ({ planner }) => {
-      const button = make("button", { type: "button", ariaLabel: `${text("watch")}: ${planner}` }, text("watch"));
+      const button = make("button", { type: "button", ariaLabel: `${text("watch")}: ${named("l", planner)}` }, text("watch"));
       button.onclick = () => { this.banner(text("growing")); this.link.send("growth", { planner }); };
       return button;
     };
     this.on.rows.replaceChildren(...this.answers.map((one, k) => {
       const figures = [fixed(one.length, 2), fixed(one.clearance_min, 2), fixed(one.clearance_mean, 2), fixed(one.time_ms, 1)];
       return make(
-        "tr", {}, make("th", { scope: "row" }, mark(`series-${k % COLOURS}`), one.planner), make("td", { title: one.note }, one.status),
+        "tr", {}, make("th", { scope: "row" }, mark(`series-${k % COLOURS}`), named("l", one.planner)), make("td", { title: one.note }, one.status),
         ...figures.map(words => make("td", {}, words)), make("td", {}, ...one.grows ? [watch(one)] : []),
       );
     }));
@@ -228,7 +228,7 @@ export class PlanPage {
     const frame = this.frames[Number(this.on.frame.value)];
     if (!frame) return;
     const length = frame.length === null ? "–" : frame.length.toFixed(2);
-    this.on.grown.textContent = text("grown", { planner: this.grower, iterations: frame.iterations, length });
+    this.on.grown.textContent = text("grown", { planner: named("l", this.grower), iterations: frame.iterations, length });
     this.draw();
   }
 

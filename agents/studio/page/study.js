@@ -28,7 +28,9 @@ export class StudyPage extends DrivePage {
   answers() {
     return {
       ...super.answers(), study: message => this.welcome(message), step: message => this.step(message), known: message => this.known(message),
-      done: message => this.done(message), lost: () => this.reconnect(), error: () => { if (this.joining) this.later(() => this.join()); },
+      done: message => this.done(message), lost: () => this.reconnect(),
+      ended: message => { this.running = false; this.result = message; this.buttons(); },
+      error: message => { if (!message.key) showError(text("not_done", message)); if (this.joining) this.later(() => this.join()); },
     };
   }
 
@@ -213,12 +215,6 @@ export class StudyPage extends DrivePage {
     this.stage(true);
     this.device();
     this.link.send("begin");
-  }
-
-  end(message) {
-    this.running = false;
-    this.result = message;
-    this.buttons();
   }
 
   /** Answers of this tab that the server has not confirmed: step, values, and whether they were sent. */

@@ -123,6 +123,7 @@ def test_an_assistant_drives_while_the_switch_is_held_and_the_stick_pushed():
     assert OFF_CENTRE in log
     assert record["ended"] == ""
     assert record["length"] > 1.5
+    assert record["time"] == pytest.approx((len(ride.modes) - 1) / RATE)
     assert record["agreement_angle"] < 0.1
 
 

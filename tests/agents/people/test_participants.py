@@ -287,6 +287,11 @@ def test_everything_of_a_participant_is_deleted_and_the_number_is_not_used_again
     session = Session(tmp_path, plan, 2)
     assert "participant 2 is open" in refusal([*words, "--yes"], capsys)
     session.close()
+    own = session.folder.rename(tmp_path / "elsewhere")
+    session.folder.symlink_to(own)
+    assert "participant_0002 is a link; expected the data" in refusal([*words, "--yes"], capsys)
+    session.folder.unlink()
+    own.rename(session.folder)
     assert main([*map(str, words), "--yes"]) == 0
     assert "deleted 6 files" in capsys.readouterr().out
     assert {path.name for path in tmp_path.iterdir()} == {
@@ -371,6 +376,37 @@ def test_paired_tests_are_those_of_scipy_and_failed_drives_have_no_time(tmp_path
     assert tests.note == ""
     (mean, _) = (r for group in means.groups for r in group if r[0].text.startswith("time"))
     assert mean[3].key == pytest.approx(times[:, 0].mean())
+
+
+def test_groups_are_compared_by_the_tests_of_scipy():
+    """Each participant's mean over conditions and tasks counts once."""
+    groups = Group("a", ("help 0", "help 1")), Group("b", ("help 1",))
+    plan, rng, rows = protocol(2, 2, groups=groups), np.random.default_rng(3), []
+    of = {"a": [], "b": []}
+    for person in range(1, 9):
+        group = plan.group_of(person)
+        times = rng.uniform(20.0, 30.0, (len(group.conditions), 2)) + 4.0 * (group.name == "b")
+        of[group.name].append(times.mean())
+        same = {"participant": person, "group": group.name, "source": "drive", "position": 1}
+        for (c, task), time in np.ndenumerate(times):
+            step = same | {"condition": group.conditions[c], "task": task}
+            rows.append(step | {"measure": "time", "unit": "s", "value": time})
+            rows.append(step | {"measure": "success", "unit": "%", "value": 100.0})
+    *_, means, tests = tables(plan, rows)
+    mean, other = (r for group in means.groups for r in group if r[0].text.startswith("time"))
+    assert [mean[3].key, other[3].key] == pytest.approx([np.mean(of["a"]), np.mean(of["b"])])
+    assert mean[4].key == pytest.approx(np.std(of["a"], ddof=1))
+    (row,) = (r for group in tests.groups for r in group if r[0].text.startswith("time"))
+    welch = stats.ttest_ind(of["b"], of["a"], equal_var=False).confidence_interval()
+    p = stats.mannwhitneyu(of["a"], of["b"]).pvalue
+    assert (row[1].text, tests.note) == ("b - a", "")
+    assert [cell.key for cell in row[2:]] == pytest.approx([
+        8, np.mean(of["b"]) - np.mean(of["a"]), *welch, p, p,
+    ])  # fmt: skip
+    few = tables(plan, [row for row in rows if row["participant"] < 7])[-1]
+    assert "n = 3 and 3, Mann and Whitney's test of 1 pairs cannot give" in few.note  # 2 of 20
+    alone = tables(dataclasses.replace(plan, groups=()), rows)
+    assert not any("group" in table.caption for table in alone)
 
 
 def test_three_conditions_are_adjusted_by_holm_and_all_rows_are_in_the_data(tmp_path):

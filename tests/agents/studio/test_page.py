@@ -12,10 +12,13 @@ from agents.cli import main
 from agents.people import ASSISTANTS
 from agents.studio import PAGE, page_texts
 from agents.studio.catalogue import NO_HAND, NO_SIGHT, places
+from agents.studio.compare_session import NOBODY, POLICIES
+from planners.registries import PLANNERS
 from tests.agents.studio.served import SCREENS, axe, browsing, cut_off, looked_at, serving, until
 from tests.hardware.conftest import build_twin
 from wheelchair_gym.base.files import read_json
-from wheelchair_gym.people.drivers.live_person import IMPAIRMENTS, SIGHTS
+from wheelchair_gym.people.drivers import DRIVERS
+from wheelchair_gym.people.drivers.live_person import SIGHTS
 from wheelchair_gym.rendering import palette
 
 GAMEPAD = """navigator.getGamepads = () => [
@@ -385,6 +388,7 @@ def test_people_draw_plan_watch_and_save(opened):
     tab(page, "plan")
     for box in page.query_selector_all("#planners input"):
         box.set_checked(box.get_attribute("value") in ("visibility", "rrt_star", "swarm"))
+    assert "A*" in page.inner_text("#planners")
     page.check("#tool-start")
     page.mouse.click(*on_map(page, 2.0, 4.0))
     page.check("#tool-goal")
@@ -398,7 +402,7 @@ def test_people_draw_plan_watch_and_save(opened):
     until(page, "studio.shapes.length === 1 && !studio.answers.length")
     found = planned(page)
     assert found["visibility"]["length"] == min(row["length"] for row in found.values()) > 6.5
-    assert "visibility" in page.inner_text("#banner")
+    assert "Visibility graph" in page.inner_text("#banner")
     page.check("#tool-furniture")  # by keys: two corners
     page.focus("#map")
     for key in ("Enter", "Shift+ArrowUp", "Shift+ArrowRight", "Enter"):
@@ -409,12 +413,12 @@ def test_people_draw_plan_watch_and_save(opened):
         page.click("#undo")
         until(page, f"studio.shapes.length === {left}")
     planned(page)
-    for name in ("rrt_star", "swarm"):
-        page.click(f"[aria-label='Watch: {name}']")
+    for name, words in (("rrt_star", "RRT*"), ("swarm", "Swarm")):
+        page.click(f"[aria-label='Watch: {words}']")
         until(page, f"studio.frames && studio.grower === '{name}'")
         page.evaluate("clearInterval(studio.playing)")
         page.fill("#frame", "3")
-        assert name in page.inner_text("#grown")
+        assert words in page.inner_text("#grown")
         assert page.evaluate("studio.frames.every(one => one.tree.length + one.swarm.length >= 0)")
     page.fill("#name", "drawn")
     page.click("#save-problem")
@@ -450,6 +454,7 @@ def test_two_drives_are_compared(page):
     page.click("#go")
     until(page, "studio.tracks.right && !document.getElementById('go').disabled")
     page.click("#event")
+    assert page.inner_text("#name-left") == page.inner_text("#head-left") == "No help"
     time = page.evaluate("Number(document.getElementById('time').value)")
     assert time in page.evaluate("studio.tracks.right.events.map(([t]) => Math.round(10 * t) / 10)")
     page.fill("#time", "1")
@@ -495,7 +500,8 @@ def test_every_text_is_there_in_every_language():
     scenes = {key[6:]: one.label for key, one in places().items() if one.group == "scene"}
     used |= {f"p_{label}" for label in scenes.values()} | {f"q_{name}" for name in scenes}
     outcomes = ("success", "collision", "timeout", "missed", "left_map", "stopped")
-    used |= {f"o_{name}" for name in outcomes}
-    used |= {f"h_{name}" for name in (NO_HAND, *IMPAIRMENTS)}
+    used |= {f"{kind}_{name}" for name in outcomes for kind in ("o", "end")}
+    used |= {f"h_{name}" for name in (NO_HAND, NOBODY, *DRIVERS.built_in)}
+    used |= {f"l_{name}" for name in PLANNERS.built_in} | {f"y_{name}" for name in POLICIES}
     used |= {f"s_{name}" for name in (NO_SIGHT, *SIGHTS)} | {f"u_{name}" for name in SIGHTS}
     assert used <= set(english)

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import json
-import math
 import re
-import subprocess
-import sys
 import threading
 from contextlib import contextmanager
+from types import SimpleNamespace
 from urllib.parse import urlencode
 
+import numpy as np
 import pytest
 from websockets.exceptions import InvalidStatus
 
 from agents.cli import main
+from agents.evaluation.evaluate import without_labels
+from agents.evaluation.provenance import write_json
 from agents.people.chain import read_chain
 from agents.people.protocol import Condition, Protocol, Questionnaire, Task
 from agents.people.session import ABORTED, CUT_OFF, GIVEN_UP, Session, State, read_folder
@@ -25,6 +27,7 @@ from agents.studio.study import PATIENCE, STUDY_FIELDS, StudySession
 from tests.agents.people.test_participants import figures, full_disk, protocol
 from tests.agents.studio.served import (
     SCREENS,
+    Served,
     axe,
     browsing,
     cut_off,
@@ -36,9 +39,13 @@ from tests.agents.studio.served import (
     until,
 )
 from tests.agents.studio.test_server import get
-from tests.conftest import ROOT, long_but, refusal
+from tests.conftest import long_but, refusal
 from tests.conftest import until as wait_until
-from wheelchair_gym.base.settings import InputError
+from tests.hardware.served import Program
+from wheelchair_gym.base.settings import dump
+from wheelchair_gym.envs import NavigationEnv
+from wheelchair_gym.people.drivers import make_driver
+from wheelchair_gym.people.drivers.step import Drivers
 
 STEPS = [
     "consent", "help 0/hall", "help 0/room", "help 0/nasa_tlx", "help 0/trust",
@@ -70,9 +77,21 @@ def opened(tmp_path_factory):
         yield served, page
 
 
+def press(page, wanted, *keys):
+    """Press Tab until an element that a selector names has the focus, and then keys."""
+    for _ in range(60):
+        if page.evaluate("wanted => document.activeElement.matches(wanted)", wanted):
+            break
+        page.keyboard.press("Tab")
+    else:
+        pytest.fail(f"{wanted} is not reached by Tab")
+    for key in keys:
+        page.keyboard.press(key)
+
+
 def begin(page):
     """Begin a drive, which waits for the first move."""
-    page.click("#go")
+    press(page, "#go", "Enter")
     until(page, "studio.running && studio.now?.waits")
 
 
@@ -95,16 +114,15 @@ def drive(page):
     return page.evaluate("studio.now.sight")
 
 
-def test_a_participant_goes_from_consent_to_the_data(opened, capsys):
+def test_a_participant_goes_from_consent_to_the_data_by_keys_alone(opened, capsys):
     served, page = opened
-    page.fill("#number", "3")
-    page.keyboard.press("Enter")
+    press(page, "#number", "3", "Enter")
     until(page, "document.querySelector('#agreed')")
     axe(page)
     assert "You may stop at any time." in page.inner_text(".panel")
     assert page.is_disabled("#go")
-    page.check("#agreed")
-    page.click("#go")
+    press(page, "#agreed", "Space")
+    press(page, "#go", "Space")
     for condition in range(2):
         until(page, "document.querySelector('#go[data-t=begin_drive]')")
         assert "does not count" in page.inner_text(".panel")
@@ -134,11 +152,11 @@ def test_a_participant_goes_from_consent_to_the_data(opened, capsys):
         for items in (6, 2):
             until(page, f"document.querySelectorAll('.panel fieldset').length == {items}")
             axe(page)
-            page.click("#go")
+            press(page, "#go", "Enter")
             until(page, "!document.getElementById('error').hidden")
             for k in range(items):
-                page.locator(f"input[name=q{k}]").nth(k).check()
-            page.click("#go")
+                press(page, f"input[name=q{k}]", *(["ArrowRight"] * k or ["Space"]))
+            press(page, "#go", "Enter")
             until(page, f"document.querySelectorAll('.panel fieldset').length != {items}")
     until(page, "document.querySelector('[data-t=study_done]')")
     one = of(served, 3)
@@ -313,7 +331,9 @@ def test_a_second_tab_and_a_mistyped_number_are_told(opened):
         known = messages(second, "known")
         assert (known["done"], known["steps"]) == (1, 9)
         send(second, "participant", number=22, resume=True)
-        assert "participant 22 is open in another tab" in messages(second, "error")["text"]
+        error = messages(second, "error")
+        assert "participant 22 is open in another tab" in error["text"]
+        assert (error["key"], error["values"]) == ("open_elsewhere", {"number": "22"})
         send(first, "consent", step=1)  # sent twice: it is known, and nothing is stored again
         assert messages(first, "step")["number"] == 2
     path = served.studio.folder / "participant_0022" / "steps.jsonl"
@@ -382,34 +402,88 @@ def test_the_experimenter_sees_everybody_remarks_and_aborts(opened):
     assert [attempt["outcome"] for attempt in one.attempts] == [ABORTED]
 
 
+def test_a_remark_at_the_moment_at_which_a_page_closes_is_stored(tmp_path):
+    desk = Desk(tmp_path, protocol(1, 1))
+    page = Scripted(desk, 1)
+    leaves = threading.Thread(target=page._leave)
+
+    class Closing(dict):
+        def get(self, number):
+            found = super().get(number)
+            leaves.start()
+            leaves.join(0.2)
+            return found
+
+    desk.open = Closing(desk.open)
+    page.tell("consent", step=1)
+    desk.act(1, "note", "dizzy")
+    leaves.join()
+    assert [remark["text"] for remark in read_folder(tmp_path)[1][0].remarks] == ["dizzy"]
+    assert desk.open == {}
+
+
 def until_left(served, number):
     assert wait_until(lambda: number not in served.studio.desk.open)
 
 
-def test_a_killed_program_frees_the_number(tmp_path):
-    plan = protocol(1, 1)
-    session = Session(tmp_path, plan, 4)
-    session.close()
-    program = (
-        "import pathlib, sys; from agents.people.chain import Chain; "
-        "chain = Chain(pathlib.Path(sys.argv[1])); print('open', flush=True); sys.stdin.read()"
-    )
-    words = [sys.executable, "-c", program, session.folder / "steps.jsonl"]
-    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=ROOT) as other:
-        assert other.stdout.readline() == b"open\n"
-        with pytest.raises(InputError, match="participant 4 is open in another tab or program"):
-            Session(tmp_path, plan, 4)
-        other.kill()
-    Session(tmp_path, plan, 4).close()
+@contextmanager
+def started(tmp_path):
+    """The program itself with an experiment, until it is killed; its page's socket."""
+    words = "--study", tmp_path / "rooms.json", "--out", tmp_path, "--participant", "--port", "0"
+    program = Program("studio", *map(str, words))
+    try:
+        assert wait_until(lambda: program.said), program.errors
+        port, token = re.search(r":(\d+)/\?token=(\S+)#study", program.said[0]).groups()
+        served = Served(SimpleNamespace(access=SimpleNamespace(token=token)), port)
+        with served.socket("study") as socket:
+            yield socket
+            program.process.kill()
+    finally:
+        program.process.kill()
+        program.close()
+
+
+def test_a_program_that_is_killed_in_a_drive_loses_nothing(tmp_path):
+    task = Task("room", room_map(tmp_path, goal=2.3))
+    plan = dataclasses.replace(protocol(1, nasa_tlx=False), tasks=(task,))
+    write_json(tmp_path / "rooms.json", dump(plan))
+    outcomes, due = [], None
+    for resume in (False, True):
+        with started(tmp_path) as socket:
+            send(socket, "participant", number=4, resume=resume)
+            due = messages(socket, "step")
+            if not resume:
+                send(socket, "consent", step=1)
+                due = messages(socket, "step")
+            assert (due["task"], due["number"]) == ("room", 2)
+            send(socket, "device", name="touch", scan_period=1.0)
+            send(socket, "begin")
+            while (now := messages(socket, "picture", "done"))["type"] == "picture":
+                if now["t"] > 0.5 and not resume:
+                    break
+                send(socket, "stick", forward=0.6, left=0.0, by="touch")
+        (one,) = read_folder(tmp_path / "rooms")[1]  # reads each checksum
+        outcomes.append([attempt["outcome"] for attempt in one.attempts])
+        assert list(one.done) == ["consent", "help 0/room"][: 1 + resume]
+    assert outcomes == [[""], [CUT_OFF, "success"]]
+    assert one.state == State.FINISHED
+    first, second = one.attempts
+    assert first["world"] != second["world"]
+    for attempt in one.attempts:
+        assert (tmp_path / "rooms" / "participant_0004" / attempt["recording"]).stat().st_size
+
+
+DRIVERS = "novice", "essential_tremor", "keyboard", "weak_left", "ataxia", "expert"
 
 
 class Scripted(StudySession):
-    """A page without a server: a simulated person reads what it gets and sends what pages send."""
+    """A page without a server: a driver model reads what it gets and sends what pages send."""
 
-    def __init__(self, desk, number):
-        self.got = []
-        self.show = lambda head, _: self.got.append(("picture", head))
+    def __init__(self, desk, number, driver="expert", known=None):
+        self.driver, self.known, self.got = make_driver(driver), known, []
+        self.show = lambda *picture: self.got.append(("picture", picture))
         self.send = lambda kind, /, **content: self.got.append((kind, content))
+        self.refuse = lambda error: self.got.append(("error", {"text": str(error)}))
         ready = threading.Event()
         ready.set()
         super().__init__(desk, self, ready)
@@ -424,7 +498,7 @@ class Scripted(StudySession):
         if kind != "stick":
             self._handle(0.0)
 
-    def take_part(self, skill, patience=10**6):
+    def take_part(self, patience=10**6):
         """Do this number of steps, at most; the last messages tell what is due."""
         while self.got[-1][0] == "step" and patience:
             patience -= 1
@@ -437,21 +511,27 @@ class Scripted(StudySession):
             else:
                 self.tell("device", name="touch", scan_period=1.0)
                 self.tell("begin")
-                world = next(content for kind, content in self.got[::-1] if kind == "world")
-                while self._drive is not None:
-                    pose = self.got[-1][1]["pose"]
-                    dx, dy = (world["goal"] - pose)[:2]
-                    turn = math.remainder(math.atan2(dy, dx) - pose[2], math.tau)
-                    left = max(-1.0, min(1.0, 2.0 * skill * turn))
-                    self.tell("stick", forward=skill * (abs(turn) < 1.0), left=left, by="touch")
-                    self._step(self._drive)
+                self._be_driven(step["number"])
+
+    def _be_driven(self, key):
+        settings, period = self._drive._world.settings, self._drive._world.task.period
+        person = Drivers([self.driver], settings.chair, settings.sensors, period)
+        person.begin(key)
+        while self._drive is not None:
+            head, ranges = self.got[-1][1]
+            scan = np.frombuffer(ranges, "<u2") / 1e3
+            scan = np.where(scan > 0.0, scan, np.inf).astype(np.float32)
+            pose, twist = np.array(head["pose"]), np.array(head["twist"])
+            stick = person.step(self.known, pose, twist, scan)
+            self.tell("stick", forward=stick.forward, left=stick.left, by="touch")
+            self._step(self._drive)
 
 
 @pytest.mark.parametrize("people", long_but([4, 12], [4]))
 def test_a_complete_study_with_two_dropouts(people, tmp_path):
     """From the pages' own messages to data, dictionary and report."""
     scene = room_map(tmp_path, goal=2.0)
-    tasks = [Task(name, scene) for name in ("a", "b", "c")[: 1 if people < 12 else 3]]
+    tasks = [Task(name, scene) for name in "abc"[: 1 if people < 12 else 3]]
     conditions = Condition("direct", "direct"), Condition("shield"), Condition("dwa", "shared_dwa")
     plan = Protocol(
         "Rooms", "Yes.", conditions, tuple(tasks), (Task("hall", scene),),
@@ -459,12 +539,13 @@ def test_a_complete_study_with_two_dropouts(people, tmp_path):
         questionnaires=(Questionnaire("=trust", ("I felt safe.",)),),
     )  # fmt: skip
     desk = Desk(tmp_path / "data", plan)
+    knows = NavigationEnv(without_labels(scene), driver="expert")  # the way in the one world
+    knows.reset(seed=0)
     for number in range(1, people + 1):
-        page = Scripted(desk, number)
+        page = Scripted(desk, number, DRIVERS[number % len(DRIVERS)], knows._prepared)
+        page.take_part({2: 4, 3: 3}.get(number, 10**6))
         if number == 2:
-            page.take_part(0.6, patience=4)
             page.tell("withdraw")
-        page.take_part(0.5 + 0.4 * number / people, patience=3 if number == 3 else 10**6)
         page._leave()
     people_of = read_folder(desk.folder)[1]
     assert [one.state for one in people_of] == [
@@ -512,6 +593,7 @@ def test_answers_stay_in_the_page_until_they_are_stored(opened, cut):
     with full_disk():
         page.click("#go")
         until(page, "document.getElementById('error').textContent.includes('cannot be written')")
+    assert page.inner_text("#error").startswith("That did not work. Tell the experimenter:")
     assert page.is_visible("#error")
     if cut == "reload":
         page.reload()
