@@ -10,7 +10,7 @@ from typing import Any
 
 from agents import StoppedError
 from agents.cli import arguments
-from agents.evaluation.provenance import command_line, write_json, write_text
+from agents.evaluation.provenance import command_line, cores, write_json, write_text
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.people.assistance import make_compiled
 from wheelchair_gym.people.drivers import make_driver
@@ -110,3 +110,29 @@ def planners(given: argparse.Namespace) -> int:
         print(f"{benchmark.text()}all columns: {table}")
     more = "" if given.resume else f" --resume {file}"
     return 0 if stop is None else arguments.stopped(stop, more)
+
+
+def run_track(given: argparse.Namespace) -> int:
+    """Drive a track of the benchmark, and print its figures."""
+    from agents.benchmarks.tracks import run
+
+    result, path = run(
+        arguments.labelled(given.policy), given.track, Path(given.out), given.development,
+        given.jobs or cores(), not given.quiet,
+    )  # fmt: skip
+    contacts = f"{result['contacts']} contacts, {result['at_fault']} at fault"
+    text = (
+        f"{result['policy']} on {given.track}: {result['success']:.1%} of {result['n']} arrive "
+        f"({result['low']:.1%} to {result['high']:.1%}), {contacts}\n{path}"
+    )
+    arguments.report(given, result, text)
+    return 0
+
+
+def verify_track(given: argparse.Namespace) -> int:
+    """Drive some episodes of a result file again, and say whether they agree."""
+    from agents.benchmarks.tracks import verify
+
+    agrees, text = verify(Path(given.file), given.episodes, given.jobs or cores(), not given.quiet)
+    print(text)
+    return 0 if agrees else 1
