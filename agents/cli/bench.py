@@ -18,7 +18,7 @@ from agents.benchmarks.entrants import small_problem
 from agents.cli import arguments
 from agents.control import FOLLOWERS
 from agents.evaluation.evaluate import warm
-from agents.evaluation.provenance import command_line, write_json, write_text
+from agents.evaluation.provenance import command_line, cores, write_json, write_text
 from planners import PLANNERS, make_planner
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
@@ -168,3 +168,29 @@ def _plan(name: str) -> None:
 
 def _follow(name: str) -> None:
     warm(f"a_star+{name}", "clutter", {})
+
+
+def run_track(given: argparse.Namespace) -> int:
+    """Drive a track of the benchmark, and print its figures."""
+    from agents.benchmarks.tracks import run
+
+    result, path = run(
+        arguments.labelled(given.policy), given.track, Path(given.out), given.development,
+        given.jobs or cores(), not given.quiet,
+    )  # fmt: skip
+    contacts = f"{result['contacts']} contacts, {result['at_fault']} at fault"
+    text = (
+        f"{result['policy']} on {given.track}: {result['success']:.1%} of {result['n']} arrive "
+        f"({result['low']:.1%} to {result['high']:.1%}), {contacts}\n{path}"
+    )
+    arguments.report(given, result, text)
+    return 0
+
+
+def verify_track(given: argparse.Namespace) -> int:
+    """Drive some episodes of a result file again, and say whether they agree."""
+    from agents.benchmarks.tracks import verify
+
+    agrees, text = verify(Path(given.file), given.episodes, given.jobs or cores(), not given.quiet)
+    print(text)
+    return 0 if agrees else 1

@@ -26,6 +26,7 @@ POLICIES: Final = Registry(
     {
         "assisted": "agents.policies.assisted:Assisted",
         "explore": "agents.policies.explore:Explore",
+        "isolated": "agents.policies.isolated:Isolated",
         "learned": "agents.policies.learned:Learned",
         "manual": "agents.policies.scripted:Manual",
         "planned": "agents.policies.planned:Planned",

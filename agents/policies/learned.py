@@ -95,6 +95,8 @@ def file_digest(path: Path) -> str:
 
 def weights_digest(spec: Any) -> str | None:
     """Digest of the weights that a policy's name or mapping stands for; None of other policies."""
+    if isinstance(spec, Mapping) and spec.get("name") == "isolated":
+        return weights_digest(spec.get("policy"))
     try:
         if isinstance(spec, Mapping) and spec.get("name") == "assisted":
             assist = spec.get("assist")

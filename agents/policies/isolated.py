@@ -1,0 +1,98 @@
+"""A policy in a process of its own, which receives missions and readings, and nothing else."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import multiprocessing
+import traceback
+from contextlib import suppress
+from functools import lru_cache
+from multiprocessing.connection import Connection
+from typing import Any, Final
+
+import numpy as np
+
+from agents.policies import make_policy, settings_of
+from wheelchair_gym.base.settings import InputError, setting, settings
+from wheelchair_gym.types import Command, Mission, Reading
+
+LONGEST: Final = 600.0  # s that a policy may take for one answer
+
+
+@settings
+class Isolated:
+    """Runs a policy in a process of its own: neither the environment nor the truth is there."""
+
+    policy: Any = setting(default="straight")
+    """The policy: a name, a file, module:Class, or a mapping with a name."""
+
+    def __post_init__(self) -> None:
+        settings_of(self.policy)  # which refuses what is wrong
+
+    def make(self) -> IsolatedDriver:
+        """A fresh policy, whose process starts with its first episode."""
+        return IsolatedDriver(self.policy)
+
+
+class IsolatedDriver:
+    """Sends missions and readings to a policy's process, and returns its commands.
+
+    The key of a mission is another number than the environment's, from which no world can be drawn
+    again. Policies of equal settings share a process, which makes a fresh one for each episode.
+
+    Raises:
+        RuntimeError: the policy failed, its process ended, or it took longer than `LONGEST`.
+    """
+
+    def __init__(self, spec: Any) -> None:
+        self._spec = json.dumps(spec, sort_keys=True)
+
+    def reset(self, mission: Mission) -> None:
+        """See `Policy.reset`."""
+        key = int(np.random.SeedSequence([mission.key, 1]).generate_state(1)[0])
+        self._ask("reset", dataclasses.replace(mission, key=key))
+
+    def act(self, reading: Reading) -> Command:
+        """See `Policy.act`."""
+        command: Command = self._ask("act", reading)
+        return command
+
+    def _ask(self, call: str, value: Any) -> Any:
+        pipe = _pipe_to(self._spec)
+        try:
+            pipe.send((call, value))
+            if not pipe.poll(LONGEST):
+                raise RuntimeError(f"the policy's {call} took longer than {LONGEST:g} s")
+            answer, failure = pipe.recv()
+        except (EOFError, OSError) as error:
+            _pipe_to.cache_clear()  # the next episode starts another process
+            raise RuntimeError(f"the policy's process ended in {call}") from error
+        if failure:
+            raise RuntimeError(f"the policy failed in its process: {failure}")
+        return answer
+
+
+@lru_cache(1)
+def _pipe_to(spec: str) -> Connection:
+    """Start a policy's process, which ends with its pipe or with this process."""
+    start = multiprocessing.get_context("spawn")
+    ours, theirs = start.Pipe()
+    start.Process(target=_serve, args=(json.loads(spec), theirs), daemon=True).start()
+    theirs.close()
+    return ours
+
+
+def _serve(spec: Any, pipe: Connection) -> None:
+    """Answer the calls of `IsolatedDriver` until nobody holds the other end."""
+    with suppress(EOFError, OSError):
+        while True:
+            call, value = pipe.recv()
+            answer, failure = None, ""
+            try:
+                if call == "reset":
+                    policy = make_policy(spec)
+                answer = getattr(policy, call)(value)
+            except Exception as error:
+                failure = str(error) if isinstance(error, InputError) else traceback.format_exc()
+            pipe.send((answer, failure))

@@ -1,0 +1,126 @@
+"""The benchmark: its frozen episodes, policies in their own process, and what `verify` finds."""
+
+from __future__ import annotations
+
+import gc
+import json
+import os
+
+import numpy as np
+import pytest
+
+from agents.benchmarks import tracks
+from agents.cli import main
+from agents.evaluation.evaluate import drive_episode, make_env
+from agents.policies import make_policy
+from tests.conftest import refusal
+from wheelchair_gym.envs import NavigationEnv
+from wheelchair_gym.types import Command
+
+NAME = f"{__name__}:"
+TINY = {"scenes": [{"name": "empty", "label": "empty"}], "episodes": 2, "env": {"beams": 16}}
+
+
+@pytest.fixture(autouse=True)
+def tiny(monkeypatch):
+    """A track of two drives in the empty plane."""
+    kinds = ("test", "development")
+    monkeypatch.setitem(tracks.TRACKS, "tiny", TINY | {"digests": dict.fromkeys(kinds, "")})
+    digests = {kind: tracks.digest_of(tracks.drives_of("tiny", kind != "test")) for kind in kinds}
+    tracks.TRACKS["tiny"]["digests"] = digests
+    assert len(set(digests.values())) == 2
+
+
+class Peeks:
+    """Drives only where it finds the environment, as a policy that reads the truth does."""
+
+    def reset(self, mission):
+        self.found = any(isinstance(one, NavigationEnv) for one in gc.get_objects())
+
+    def act(self, reading):
+        return Command(np.array([0.5 * self.found, 0.0]))
+
+
+class Fails(Peeks):
+    """Raises an error, or ends its process."""
+
+    how = "raises"
+
+    def act(self, reading):
+        if self.how == "ends":
+            os._exit(3)
+        raise ValueError("no idea")
+
+
+class Ends(Fails):
+    how = "ends"
+
+
+def driven(policy, steps=40):
+    with_map = make_env("empty", {"beams": 16, "max_episode_steps": steps}, None)
+    try:
+        return drive_episode(with_map, policy, 3)
+    finally:
+        with_map.close()
+
+
+def test_a_policy_in_its_own_process_drives_as_it_does_in_this_one():
+    specs = "straight", {"name": "isolated", "policy": "straight"}
+    here, there = (driven(make_policy(spec), 4000) for spec in specs)
+    assert here["success"]
+    for key in tracks.FIGURES:
+        assert here[key] == there[key]
+
+
+def test_it_reaches_neither_the_environment_nor_the_key_of_its_world():
+    peeks = make_policy(f"{NAME}Peeks")
+    assert driven(peeks)["length"] > 1.0
+    isolated = make_policy({"name": "isolated", "policy": f"{NAME}Peeks"})
+    assert driven(isolated)["length"] == 0.0
+
+
+@pytest.mark.parametrize(("name", "said"), [("Fails", "no idea"), ("Ends", "ended in act")])
+def test_a_policy_that_fails_is_reported(name, said):
+    policy = make_policy({"name": "isolated", "policy": f"{NAME}{name}"})
+    for _ in range(2):  # also after its process has ended
+        with pytest.raises(RuntimeError, match=said):
+            driven(policy)
+
+
+def test_results_are_verified_and_changed_ones_are_found(tmp_path, capsys):
+    words = ["benchmark", "run", "straight", "--track", "tiny", "--out", f"{tmp_path}"]
+    assert main([*words, "--jobs", "1", "--quiet"]) == 0
+    assert "100.0% of 2 arrive" in capsys.readouterr().out
+    file = tmp_path / "tiny.json"
+    verify = ["benchmark", "verify", f"{file}", "--jobs", "1", "--quiet"]
+    assert main(verify) == 0
+    assert capsys.readouterr().out.endswith("agrees\n")
+    result = json.loads(file.read_text())
+    result["episodes"][0]["time"] -= 1.0
+    file.write_text(json.dumps(result))
+    assert "was changed since it was written" in refusal(verify, capsys)
+    del result["digest"]  # by somebody who knows how it is made
+    result |= tracks.summary(result["episodes"])
+    file.write_text(json.dumps(result | {"digest": tracks._digest(result)}))
+    assert main(verify) == 1
+    assert "does not agree" in capsys.readouterr().out
+    assert "'tinny' is unknown" in refusal([*words[:4], "tinny"], capsys)
+
+
+def test_figures_of_a_policy_that_reads_the_truth_do_not_agree(tmp_path, capsys):
+    """It arrives where it drives beside the environment, and not in a process of its own."""
+    result, path = tracks.run(f"{NAME}Peeks", "tiny", tmp_path, progress=False)
+    assert result["success"] == 0.0
+    for one in result["episodes"]:
+        one |= {"success": True, "outcome": "success", "time": 9.0}
+    result |= tracks.summary(result["episodes"])
+    path.write_text(json.dumps(result | {"digest": tracks._digest(result)}))
+    agrees, text = tracks.verify(path, 2, progress=False)
+    assert not agrees
+    assert "outcome is timeout, not success" in text
+
+
+def test_other_worlds_are_refused(tmp_path):
+    tracks.TRACKS["tiny"]["digests"]["test"] = "0" * 64
+    with pytest.raises(ValueError, match="draws other worlds than version 1"):
+        tracks.run("straight", "tiny", tmp_path)
