@@ -35,13 +35,17 @@ from agents.cli.arguments import spec
 from agents.evaluation.evaluate import env_settings as checked
 from agents.evaluation.map_evaluation import by_odometry
 from agents.evaluation.runs import compute, stored_line
-from agents.learning.checkpoint import NAME, load_checkpoint, save_checkpoint
-from agents.learning.curves import read_curve, write_curve
 from agents.learning.export import export_onnx
+from agents.learning.folder import (
+    CHECKPOINT,
+    load_checkpoint,
+    read_curve,
+    save_checkpoint,
+    write_curve,
+)
 from agents.learning.settings import read_training
 from agents.learning.weights import _digest, save_weights
-from agents.people.chain import Chain, read_chain
-from agents.people.folder import current_protocol
+from agents.people.folder import Chain, current_protocol, read_chain
 from agents.people.protocol import Protocol
 from agents.policies import make_policy
 from agents.policies.sb3 import _algorithm
@@ -394,7 +398,7 @@ def _bench(folder: Path) -> Path:
 
 
 def _comparison(folder: Path) -> Path:
-    from agents.learning.publish import RESULT_KEYS
+    from agents.learning.folder import RESULT_KEYS
 
     row = {"policy": "mine.npz", "scene": "all"} | dict.fromkeys(RESULT_KEYS, 0.5)
     content = {
@@ -405,7 +409,7 @@ def _comparison(folder: Path) -> Path:
 
 
 def _use_comparison(path: Path) -> None:
-    from agents.learning.publish import _results
+    from agents.learning.folder import _results
     from agents.studio.compare_session import CompareSession
 
     with contextlib.suppress(InputError):  # which the card's minimal results are for it
@@ -597,7 +601,7 @@ def _checkpoint(folder: Path) -> Path:
 
     content = {"identity": "x", "number": 2, "model": {"modules": {"a": {"w": torch.ones(3, 4)}}}}
     save_checkpoint(folder, content)
-    return folder / NAME
+    return folder / CHECKPOINT
 
 
 def _mutated_checkpoint(data: bytes, rng: np.random.Generator) -> bytes:
@@ -653,7 +657,7 @@ READERS: dict[str, Reader] = {
     "amendment": Reader(
         _amendment, lambda path: current_protocol(path.parent), ("people.folder.current_protocol",)
     ),
-    "records of a participant": Reader(_chain, read_chain, ("people.chain.read_chain",)),
+    "records of a participant": Reader(_chain, read_chain, ("people.folder.read_chain",)),
     "training settings": Reader(
         _shipped("ppo_guided.json"),
         lambda path: read_training(read_json(path), path.name, "ppo"),
@@ -662,11 +666,11 @@ READERS: dict[str, Reader] = {
     "planner results": Reader(_bench, check_result, ("benchmarks.planner_benchmark.check_result",)),
     "comparison": Reader(
         _comparison, _use_comparison,
-        ("learning.publish._results", "studio.compare_session._results"),
+        ("learning.folder._results", "studio.compare_session._results"),
     ),
     "curve": Reader(
         _curve, lambda path: write_curve(path.parent / "again", read_curve(path.parent)),
-        ("learning.curves.read_curve",),
+        ("learning.folder.read_curve",),
     ),
     "store": Reader(_store, _use_store, ("evaluation.runs.read_store",)),
     "log": Reader(
@@ -692,7 +696,7 @@ READERS: dict[str, Reader] = {
     ),
     "checkpoint": Reader(
         _checkpoint, lambda path: load_checkpoint(path.parent),
-        ("learning.checkpoint.load_checkpoint",), _mutated_checkpoint,
+        ("learning.folder.load_checkpoint",), _mutated_checkpoint,
     ),
 }  # fmt: skip
 

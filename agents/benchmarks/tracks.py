@@ -1,6 +1,6 @@
 """The benchmark that others can enter: tracks of frozen episodes, and results that can be verified.
 
-A policy drives in a process of its own (`agents.policies.isolated`). Its result file holds every
+A policy drives in a process of its own (`agents.policies.delegated`). Its result file holds every
 episode, so that `verify` can drive some of them again.
 """
 

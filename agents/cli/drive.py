@@ -27,7 +27,7 @@ from agents.deploy import Deployment, EventLog, check_start, late_steps, rearm, 
 from agents.deploy import deploy as deploy_policy
 from agents.evaluation.evaluate import drive_episode, env_settings, label, make_env
 from agents.people import is_shielded
-from agents.people.replay import open_loop
+from agents.people.recorded_stick import open_loop
 from agents.policies import GymPolicy, make_policy
 from agents.watch import Each, ignore
 from wheelchair_gym.base.settings import InputError
@@ -177,9 +177,16 @@ def deploy(given: argparse.Namespace) -> int:
 
 def assisted(given: argparse.Namespace) -> int:
     """Run a person's drive of a real chair with an assistant; 1 if the chair stopped for good."""
-    from agents.people.drive import drive_with_help, open_space, without_goal
+    from agents.people.drive import (
+        Keyboard,
+        PersonsStick,
+        Stand,
+        TimedAssistant,
+        drive_with_help,
+        open_space,
+        without_goal,
+    )
     from agents.people.recorded_stick import REST, prompt_text, schedule
-    from agents.people.stick import Keyboard, PersonsStick, Stand, TimedAssistant
 
     chair = chair_spec(given.chair)
     check_extras(chair)

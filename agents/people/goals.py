@@ -12,8 +12,7 @@ import math
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from agents.people.assistant import AssistInput, AssistMission, SharedAssistant, Twist
-from agents.people.targets import find_targets
+from agents.people.assistant import AssistInput, AssistMission, SharedAssistant, Twist, find_targets
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.compiled.kernel import borrowing_kernel

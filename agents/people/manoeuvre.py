@@ -14,8 +14,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.people.assistant import AssistInput, AssistMission, Freedom, SharedAssistant, Twist
-from agents.people.targets import find_doors, find_front
+from agents.people.assistant import (
+    AssistInput,
+    AssistMission,
+    Freedom,
+    SharedAssistant,
+    Twist,
+    find_doors,
+    find_front,
+)
 from planners.collision.space import Space
 from planners.lattice.lattice import Lattice
 from planners.problem import Problem, Status

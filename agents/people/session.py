@@ -19,8 +19,15 @@ from typing import Any, Final
 
 from agents.evaluation.provenance import commit, now
 from agents.evaluation.tables import exists
-from agents.people.chain import Chain, Record, read_chain
-from agents.people.folder import STEPS, claim, current_protocol, folder_of
+from agents.people.folder import (
+    STEPS,
+    Chain,
+    Record,
+    claim,
+    current_protocol,
+    folder_of,
+    read_chain,
+)
 from agents.people.protocol import Protocol, Step
 from wheelchair_gym.base.errors import shorten
 from wheelchair_gym.base.settings import InputError

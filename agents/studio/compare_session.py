@@ -14,8 +14,8 @@ from agents.evaluation.evaluate import drive_episode, env_settings, label, make_
 from agents.people import ASSISTANTS, is_shielded
 from agents.policies import make_policy
 from agents.studio.catalogue import Place
+from agents.studio.drive import Track, recorded_track
 from agents.studio.messages import Fields, Message, Outbox, PageSession, entry, number, one_of, text
-from agents.studio.tracks import Track, recorded_track
 from wheelchair_gym.base.files import read_json
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.people.drivers import DRIVERS

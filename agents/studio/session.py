@@ -16,9 +16,8 @@ from typing import Final
 from agents.people import ASSISTANTS, is_shielded
 from agents.studio import PageError, messages
 from agents.studio.catalogue import NO_HAND, NO_SIGHT, RATES, Place
-from agents.studio.drive import Drive, Order
+from agents.studio.drive import Drive, Order, film
 from agents.studio.messages import IDLE, Fields, Message, Outbox, PageSession, entry
-from agents.studio.tracks import film
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.people.drivers.live_person import IMPAIRMENTS, SIGHTS
 

@@ -63,9 +63,9 @@ OWN = {
     "hardware.twin.board._library": "of the package",
     "cli.train._last_row": "written by the same command",
     "cli.train._in_processes": "opened to be written",
-    "learning.checkpoint.save_checkpoint": "opened to be written",
+    "learning.folder.save_checkpoint": "opened to be written",
     "learning.sb3.save_model": "opened to be written",
-    "people.chain.__init__": "opened to be written; `read_chain` reads it",
+    "people.folder.__init__": "opened to be written; `read_chain` reads it",
     "evaluation.runs.open_store": "opened to be written; `read_store` reads it",
 }
 

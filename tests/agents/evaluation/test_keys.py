@@ -6,7 +6,7 @@ from agents.evaluation.compare import Suite, compare
 from agents.evaluation.metrics import TIMING
 from agents.evaluation.report import COLUMNS, markdown, write_report
 from agents.evaluation.tuning import METRICS
-from agents.learning.publish import RESULT_KEYS, _results
+from agents.learning.folder import RESULT_KEYS, _results
 
 OPTIONAL = {"kinds", "authority"}  # older results have none; drives without a person have none
 

@@ -20,11 +20,11 @@ import wheelchair_gym
 from agents.cli import main
 from agents.cli.train import varied
 from agents.learning import run as run_module
-from agents.learning.curves import episode_row, read_curve
 from agents.learning.demonstrations import imitate
 from agents.learning.features import Layout
+from agents.learning.folder import POLICY, episode_row, read_curve
 from agents.learning.networks import AsymmetricPolicy, Teacher, actor_arrays
-from agents.learning.run import BATCH, POLICY, Run, train
+from agents.learning.run import BATCH, Run, train
 from agents.learning.sb3 import SaveModel
 from agents.learning.settings import RECIPES, Imitation, Training, read_training
 from agents.learning.weights import Network, load_weights

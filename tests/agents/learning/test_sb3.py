@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
-from agents.learning import curves
+from agents.learning.folder import add_ended_episodes
 from agents.learning.sb3 import DrawCurve, SB3VecEnv
 from agents.learning.settings import Training
 from wheelchair_gym.base.settings import InputError, load
@@ -82,7 +82,7 @@ def test_a_crash_at_the_last_step_allowed_is_no_truncation():
     sums = Counter()
     for _ in range(steps):
         _, _, dones, infos = many.step(np.array([[1.0, 0.0]]))
-        curves.add_ended_episodes(sums, infos, dones)
+        add_ended_episodes(sums, infos, dones)
     assert dones.all()
     assert infos[0]["TimeLimit.truncated"] is False
     assert (sums["episodes"], sums["timeout"]) == (1, 0)

@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agents.people import ASSISTANTS, is_shielded, make_assistant
-from agents.people.assistant import AssistMission
-from agents.people.targets import find_targets
+from agents.people.assistant import AssistMission, find_targets
 from agents.policies import make_policy
 from tests.laws.test_policies import plain
 from tests.people.test_compiled import reading, scan_of

@@ -11,9 +11,15 @@ import numpy as np
 import pytest
 
 from agents.cli.arguments import spec
-from agents.people.drive import drive_with_help, open_space
-from agents.people.replay import open_loop
-from agents.people.stick import Keyboard, PersonsStick, TimedAssistant, held_to_stick
+from agents.people.drive import (
+    Keyboard,
+    PersonsStick,
+    TimedAssistant,
+    drive_with_help,
+    held_to_stick,
+    open_space,
+)
+from agents.people.recorded_stick import open_loop
 from agents.policies import make_policy
 from tests.conftest import until
 from tests.hardware.hosted import Hosted

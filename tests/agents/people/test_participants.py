@@ -14,10 +14,9 @@ from scipy import stats
 from agents.cli import main
 from agents.evaluation.statistics import effect_size
 from agents.evaluation.tables import csv_table
-from agents.people.chain import read_chain
-from agents.people.export import COLUMNS, tidy
+from agents.people.folder import read_chain
 from agents.people.protocol import NASA_TLX, Condition, Group, Protocol, Questionnaire, Task
-from agents.people.report import tables, write_report
+from agents.people.report import COLUMNS, tables, tidy, write_report
 from agents.people.session import ABORTED, CUT_OFF, GIVEN_UP, Session, State, read_folder
 from tests.conftest import ROOT, refusal
 from wheelchair_gym.base.settings import InputError, dump, load, read

@@ -7,7 +7,7 @@ import json
 import pytest
 
 from agents.cli import main
-from agents.people.replay import open_loop
+from agents.people.recorded_stick import open_loop
 from tests.conftest import refusal
 from wheelchair_gym.recording.replay import read_recording
 from wheelchair_gym.types import Stick

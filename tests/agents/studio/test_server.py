@@ -15,9 +15,9 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from agents.cli import main
 from agents.studio import compare_session, plan_session, session
+from agents.studio.drive import film
 from agents.studio.messages import read_message
 from agents.studio.server import listening_socket
-from agents.studio.tracks import film
 from tests.agents.studio.served import START, messages, send, serving
 from tests.conftest import PATIENCE, until
 from wheelchair_gym.base.settings import InputError

@@ -18,7 +18,7 @@ from websockets.exceptions import InvalidStatus
 from agents.cli import main
 from agents.evaluation.evaluate import without_labels
 from agents.evaluation.provenance import write_json
-from agents.people.chain import read_chain
+from agents.people.folder import read_chain
 from agents.people.protocol import Condition, Protocol, Questionnaire, Task
 from agents.people.session import ABORTED, CUT_OFF, GIVEN_UP, Session, State, read_folder
 from agents.studio.experimenter import Desk
