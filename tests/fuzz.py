@@ -50,7 +50,7 @@ from agents.people.protocol import Protocol
 from agents.policies import make_policy
 from agents.policies.sb3 import _algorithm
 from agents.studies.plan_pictures import problem_of
-from agents.studio.drawing import loaded
+from agents.studio.plan_session import loaded
 from planners import PLANNERS, Problem, Space, make_planner
 from planners.problem_files import read_problems
 from planners.rrt_star_woa.thesis import read_thesis
@@ -615,7 +615,7 @@ def _mutated_checkpoint(data: bytes, rng: np.random.Generator) -> bytes:
 
 READERS: dict[str, Reader] = {
     "map yaml": Reader(
-        _small_map, _use_map, ("maps.io.map_server._description", "studio.drawing.loaded")
+        _small_map, _use_map, ("maps.io.map_server._description", "studio.plan_session.loaded")
     ),
     "map png": Reader(
         lambda folder: _small_map(folder).with_suffix(".png"),

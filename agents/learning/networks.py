@@ -28,10 +28,9 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, create_
 from stable_baselines3.common.type_aliases import RolloutBufferSamples
 from torch import nn
 
-from agents.learning.features import Layout, features
 from agents.learning.sb3 import SB3VecEnv
 from agents.learning.settings import Training
-from agents.learning.weights import Network, Weights
+from agents.learning.weights import Layout, Network, Weights, features
 from wheelchair_gym.base.arrays import Floats
 from wheelchair_gym.base.settings import InputError, dump, load
 from wheelchair_gym.envs import EnvSettings

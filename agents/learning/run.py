@@ -30,11 +30,10 @@ from agents.evaluation.provenance import provenance, write_json
 from agents.evaluation.runs import LostError, in_workers
 from agents.learning import folder as stored
 from agents.learning import networks
-from agents.learning.features import Layout
 from agents.learning.folder import BEST, POLICY, Row
 from agents.learning.sb3 import SB3VecEnv, flatten_observations
 from agents.learning.settings import Evaluation, Training
-from agents.learning.weights import Network, Weights, find_weights, load_weights, make_card
+from agents.learning.weights import Layout, Network, Weights, find_weights, load_weights, make_card
 from agents.learning.weights import save_weights as save
 from agents.watch import ignore
 from wheelchair_gym.base.settings import InputError, dump

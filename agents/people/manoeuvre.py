@@ -14,15 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.people.assistant import (
-    AssistInput,
-    AssistMission,
-    Freedom,
-    SharedAssistant,
-    Twist,
-    find_doors,
-    find_front,
-)
+from agents.people import assistant
 from planners.collision.space import Space
 from planners.lattice.lattice import Lattice
 from planners.problem import Problem, Status
@@ -51,11 +43,11 @@ ITERATIONS = 3000  # poses that the planner expands at most
 class Manoeuvre:
     """Follows a planned way through a door, or up to a desk, while the stick asks for it."""
 
-    freedom: Freedom = Freedom(turn=1.0, backward=0.1)
+    freedom: assistant.Freedom = assistant.Freedom(turn=1.0, backward=0.1)
 
-    def make(self) -> SharedAssistant:
+    def make(self) -> assistant.SharedAssistant:
         """A fresh assistant."""
-        return SharedAssistant(_Method(), self.freedom)
+        return assistant.SharedAssistant(_Method(), self.freedom)
 
 
 class _Plan(NamedTuple):
@@ -67,7 +59,7 @@ class _Plan(NamedTuple):
 
 
 class _Method:
-    def reset(self, mission: AssistMission) -> None:
+    def reset(self, mission: assistant.AssistMission) -> None:
         self._mission = mission
         self._planner = Lattice(
             footprint=mission.chair.footprint,
@@ -79,7 +71,7 @@ class _Method:
         self._plan: _Plan | None = None
         self._wait = 0.0  # s until it may plan again
 
-    def twist(self, now: AssistInput) -> Twist:
+    def twist(self, now: assistant.AssistInput) -> assistant.Twist:
         self._follow_odometry(now)
         v, w = now.asked
         limits = self._mission.limits
@@ -95,7 +87,7 @@ class _Method:
         share = now.free_share(self._mission, found, 1.0)
         return share * found[0], share * found[1]
 
-    def _follow_odometry(self, now: AssistInput) -> None:
+    def _follow_odometry(self, now: assistant.AssistInput) -> None:
         reading = now.reading
         since = 0.0 if math.isnan(self._stamp) else reading.stamp - self._stamp
         self._stamp, self._wait = reading.stamp, self._wait - since
@@ -103,18 +95,20 @@ class _Method:
         motion = np.array(arc_step(0.0, 0.0, 0.0, v, w, since))
         self._pose = compose(self._pose, motion)
 
-    def _goal(self, now: AssistInput, wanted: float) -> tuple[Array, bool] | None:
+    def _goal(self, now: assistant.AssistInput, wanted: float) -> tuple[Array, bool] | None:
         """The pose (3,) in the chair's frame that the stick asks for, and whether it is docking."""
         limits, (v, w) = self._mission.limits, now.asked
         front = self._mission.chair.footprint.front
         low = math.hypot(v / limits.forward, w / limits.turn) <= DOCK_STICK
-        ahead = find_front(now.points, front, DOCK_REACH) if low else None
+        ahead = assistant.find_front(now.points, front, DOCK_REACH) if low else None
         if ahead is not None and abs(ahead[1]) < DOCK_ANGLE and abs(wanted) < ANGLE:
             far, yaw = ahead
             away = front + DOCK_GAP
             return np.array([far - away * math.cos(yaw), -away * math.sin(yaw), yaw]), True
         best, minimum = None, math.inf
-        for x, y, yaw, gap in find_doors(now.points, self._mission.chair.footprint.half_width):
+        for x, y, yaw, gap in assistant.find_doors(
+            now.points, self._mission.chair.footprint.half_width
+        ):
             bearing, far = math.atan2(y, x), math.hypot(x, y)
             off = abs(wrap(bearing - wanted))
             fits = gap < WIDEST and far < REACH and off < ANGLE
@@ -125,7 +119,7 @@ class _Method:
                     best, minimum = np.array(place), cost
         return None if best is None else (best, False)
 
-    def _begin(self, now: AssistInput, wanted: float) -> None:
+    def _begin(self, now: assistant.AssistInput, wanted: float) -> None:
         """Plan what the stick asks for, if it asks for anything."""
         goal = self._goal(now, wanted)
         if goal is None or math.hypot(*goal[0][:2]) < NEAR_END:
@@ -140,7 +134,7 @@ class _Method:
             path = compose(self._pose, plan.path)
             self._plan = _Plan(path, arc_lengths(path), goal[1])
 
-    def _next(self, now: AssistInput) -> Twist | None:
+    def _next(self, now: assistant.AssistInput) -> assistant.Twist | None:
         """The twist on the plan; None where it is over or the chair has left it."""
         assert self._plan is not None
         path, along, docks = self._plan

@@ -16,19 +16,12 @@ import numpy as np
 import scipy  # which loads scipy.stats when it is used
 
 from agents import read_data
+from agents.evaluation import statistics
 from agents.evaluation.assisted import MEASURES
 from agents.evaluation.metrics import Record
 from agents.evaluation.plots import paired
 from agents.evaluation.provenance import provenance, write_text
 from agents.evaluation.report import COLUMN_OF, LEVEL
-from agents.evaluation.statistics import (
-    effect_size,
-    estimate,
-    holm,
-    mann_whitney_p,
-    median_interval,
-    wilcoxon_p,
-)
 from agents.evaluation.tables import Column, Table, columns_of, csv_table, make_table, write_page
 from agents.people.folder import ATTEMPTS, DATA, DICTIONARY, PAGE, WIDE
 from agents.people.protocol import NASA_TLX, Protocol
@@ -186,10 +179,11 @@ def _within(ours: Values, others: Values) -> Record:
     off = np.array(list(_means_of(both).values()))
     if not len(off):
         return {}
-    median, low, high = median_interval(off)
+    median, low, high = statistics.median_interval(off)
     return {
-        "participants": len(off), "median": median, "low": low, "high": high, **effect_size(off),
-        "p": wilcoxon_p(off), "min_p": 2.0 ** (1 - len(off)), "test": f"{len(off)}, Wilcoxon's",
+        "participants": len(off), "median": median, "low": low, "high": high,
+        **statistics.effect_size(off), "p": statistics.wilcoxon_p(off),
+        "min_p": 2.0 ** (1 - len(off)), "test": f"{len(off)}, Wilcoxon's",
     }  # fmt: skip
 
 
@@ -198,10 +192,11 @@ def _between(ours: Values, others: Values) -> Record:
     x, y = (np.array(list(_means_of(of).values())) for of in (ours, others))
     if not len(x) or not len(y):
         return {}
-    low, high = estimate([{"": y}, {"": x}], [1.0, -1.0]).interval
+    low, high = statistics.estimate([{"": y}, {"": x}], [1.0, -1.0]).interval
     return {
         "participants": len(x) + len(y), "difference": float(y.mean() - x.mean()), "low": low,
-        "high": high, "p": mann_whitney_p(y, x), "min_p": 2.0 / math.comb(len(x) + len(y), len(x)),
+        "high": high, "p": statistics.mann_whitney_p(y, x),
+        "min_p": 2.0 / math.comb(len(x) + len(y), len(x)),
         "test": f"{len(x)} and {len(y)}, Mann and Whitney's",
     }  # fmt: skip
 
@@ -223,7 +218,7 @@ def _compared(
         pairs = itertools.combinations(names, 2)
         group = [{"measure": title, "pair": f"{b} - {a}", **found}
                  for a, b in pairs if (found := compare(values[a], values[b]))]  # fmt: skip
-        adjusted = holm([float(row["p"]) for row in group])
+        adjusted = statistics.holm([float(row["p"]) for row in group])
         tests.append([row | {"p_holm": p} for row, p in zip(group, adjusted, strict=True)])
     return means, tests
 
@@ -290,7 +285,7 @@ def _periods(rows: Sequence[Record], title: str) -> list[Record]:
         "measure": title, "participants": len(each), "first": float(each[:, 0].mean()),
         "last": float(each[:, -1].mean()),
         "p_period": float(scipy.stats.friedmanchisquare(*each.T).pvalue) if many
-        else wilcoxon_p(each[:, -1] - each[:, 0]),
+        else statistics.wilcoxon_p(each[:, -1] - each[:, 0]),
         "orders": len(samples),
         "p_order": math.nan if len(samples) < 2 or not np.ptp(each.mean(axis=1))
         else float(scipy.stats.kruskal(*samples).pvalue),

@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 
 from agents.control.unknown_space import MAP_MARGIN
-from agents.learning.features import Layout
-from agents.learning.weights import SHIPPED_ASSISTANTS, Network, find_weights, load_weights
+from agents.learning.weights import SHIPPED_ASSISTANTS, Layout, Network, find_weights, load_weights
 from agents.policies import file_of
 from wheelchair_gym.base.arrays import Array, Floats
 from wheelchair_gym.base.files import modified, read_bytes

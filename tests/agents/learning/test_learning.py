@@ -21,13 +21,12 @@ from agents.cli import main
 from agents.cli.train import varied
 from agents.learning import run as run_module
 from agents.learning.demonstrations import imitate
-from agents.learning.features import Layout
 from agents.learning.folder import POLICY, episode_row, read_curve
 from agents.learning.networks import AsymmetricPolicy, Teacher, actor_arrays
 from agents.learning.run import BATCH, Run, train
 from agents.learning.sb3 import SaveModel
 from agents.learning.settings import RECIPES, Imitation, Training, read_training
-from agents.learning.weights import Network, load_weights
+from agents.learning.weights import Layout, Network, load_weights
 from tests.agents.learning.tiny_runs import ENV, ON, PRIVY, tiny, trained_run
 from tests.conftest import ROOT
 from wheelchair_gym.base.settings import InputError, dump

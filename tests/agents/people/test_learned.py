@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from agents.cli import main
-from agents.learning.features import Layout
 from agents.learning.settings import RECIPES
 from agents.learning.weights import (
     SHIPPED_ASSISTANTS,
+    Layout,
     Network,
     Weights,
     load_weights,

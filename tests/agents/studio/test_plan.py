@@ -12,8 +12,18 @@ import shapely
 from PIL import Image
 
 from agents.studio import drawing
-from agents.studio.drawing import SHAPES, blank, drawn, loaded, rectangles, write_problem
-from agents.studio.plan_session import PlanSession, answer, frames_of, problem_of
+from agents.studio.plan_session import (
+    SHAPES,
+    PlanSession,
+    answer,
+    blank,
+    drawn,
+    frames_of,
+    loaded,
+    problem_of,
+    rectangles,
+    write_problem,
+)
 from planners.problem_files import read_problems
 from tests.agents.studio.served import START, messages, send, serving
 from tests.agents.studio.test_server import get

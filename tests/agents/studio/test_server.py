@@ -182,7 +182,7 @@ def standing(monkeypatch):
     """Time that passes for limits of rates only when a test says so: [seconds]."""
     now = [time.monotonic()]
     clock = SimpleNamespace(monotonic=lambda: now[0])
-    monkeypatch.setattr("agents.studio.access.time", clock)
+    monkeypatch.setattr("agents.studio.server.time", clock)
     return now
 
 
