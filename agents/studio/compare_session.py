@@ -15,7 +15,7 @@ from agents.people import ASSISTANTS, is_shielded
 from agents.policies import make_policy
 from agents.studio.catalogue import Place
 from agents.studio.drive import Track, recorded_track
-from agents.studio.messages import Fields, Message, Outbox, PageSession, entry, number, one_of, text
+from agents.studio.messages import Message, Outbox, PageSession, entry, fields_of, one_of
 from wheelchair_gym.base.files import read_json
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.people.drivers import DRIVERS
@@ -29,18 +29,7 @@ POLICIES: Final = (
 _MAX_FILES: Final = 300  # recordings and run folders that are listed
 _MAX_SEEN: Final = 20_000  # files that are looked at for them
 _SIDES: Final = ("left", "right")
-FIELDS: Final[Fields] = {
-    "pair": {
-        "place": text(), "seed": number(0, 2**31, whole=True), "driver": text(), "left": text(),
-        "right": text(),
-    },
-    "open": {"side": one_of(_SIDES), "name": text(400), "episode": number(0, 1e6, whole=True)},
-    "choose": {"run": text(400)},
-    "run": {
-        "run": text(400), "scene": text(), "seed": number(0, 2**40, whole=True), "left": text(),
-        "right": text(),
-    },
-}  # fmt: skip
+FIELDS: Final = fields_of("compare", side=_SIDES)
 
 
 class CompareSession(PageSession):

@@ -24,9 +24,9 @@ from PIL import Image
 from agents.evaluation.metrics import path_figures
 from agents.evaluation.provenance import write_text
 from agents.studies.plan_pictures import growth
-from agents.studio import UPLOADS, PageError, messages
+from agents.studio import UPLOADS, PageError
 from agents.studio.catalogue import Place
-from agents.studio.messages import Fields, Message, Outbox, PageSession, entry
+from agents.studio.messages import Message, Outbox, PageSession, entry, fields_of
 from planners import Plan, Problem, Space, make_planner
 from planners.judge import plan_faults
 from planners.problem import checked_plan
@@ -215,27 +215,10 @@ def write_problem(path: Path, grid: OccupancyGrid, start: list[float], goal: lis
     write_text(path, json.dumps([problem]))
 
 
-_MAX_SHAPES: Final = 500
 _NAME: Final = re.compile(r"\w([\w -]{0,58}\w)?")
 _LOADING: Final = threading.Lock()  # one map at a time, of all pages
-_CLEARANCE: Final = messages.number(0.0, 2.0)
-_SEED: Final = messages.number(0, 2**31, whole=True)
 FIRST: Final = ("visibility", "a_star", "rrt_star", "rrt_star_woa_global", "swarm", "lattice")
-_ENDS: Final = {"start": messages.POINT, "goal": messages.POINT}
-FIELDS: Final[Fields] = {
-    "blank": {"width": messages.number(1.0, 50.0), "height": messages.number(1.0, 50.0)},
-    "place": {"place": messages.text(), "seed": _SEED},
-    "load": {"name": messages.text(), "resolution": messages.number(0.001, 1.0)},
-    "scale": {"factor": messages.number(0.001, 1000.0)},
-    "cancel": {},
-    "draw": {"shapes": messages.points(5, _MAX_SHAPES)},
-    "plan": {
-        "planners": messages.names(PLANNERS.built_in), **_ENDS, "clearance": _CLEARANCE,
-        "deadline": messages.number(0.01, 10.0), "seed": _SEED,
-    },
-    "growth": {"planner": messages.one_of(PLANNERS.built_in)},
-    "save": {"what": messages.one_of(("map", "problem")), "name": messages.text(60), **_ENDS},
-}  # fmt: skip
+FIELDS: Final = fields_of("plan", planner=PLANNERS.built_in)
 
 
 class PlanSession(PageSession):

@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Final
 
 from agents.people import ASSISTANTS, is_shielded
-from agents.studio import PageError, messages
-from agents.studio.catalogue import NO_HAND, NO_SIGHT, RATES, Place
+from agents.studio import PageError
+from agents.studio.catalogue import NO_HAND, NO_SIGHT, Place
 from agents.studio.drive import Drive, Order, film
-from agents.studio.messages import IDLE, Fields, Message, Outbox, PageSession, entry
+from agents.studio.messages import IDLE, Message, Outbox, PageSession, entry, fields_of
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.people.drivers.live_person import IMPAIRMENTS, SIGHTS
 
@@ -25,27 +25,9 @@ _LOG = logging.getLogger(__name__)
 DEAD_MAN: Final = 0.4  # s for which a deflection counts; the page confirms it every 0.05 s
 _LATE: Final = 0.25  # s: a drive that is later gives up catching up with real time
 
-_DEFLECTION = messages.number(-1.0, 1.0)
-_ASSIST, _HAND = messages.one_of(ASSISTANTS), messages.one_of((NO_HAND, *IMPAIRMENTS))
-_SIGHT = messages.one_of((NO_SIGHT, *SIGHTS))
-_RATE = messages.number(RATES[0], RATES[-1], whole=True)
-_BY = messages.one_of(("keyboard", "gamepad", "touch"))
-_DEVICE = messages.one_of(("stick", "switch"))
-FIELDS: Final[Fields] = {
-    "start": {
-        "place": messages.text(), "seed": messages.number(0, 2**31, whole=True),
-        "assist": _ASSIST, "hand": _HAND, "sight": _SIGHT, "rate": _RATE,
-    },
-    "stick": {"forward": _DEFLECTION, "left": _DEFLECTION, "by": _BY},
-    "press": {},
-    "device": {"name": _DEVICE, "scan_period": messages.number(0.1, 10.0)},
-    "assist": {"name": _ASSIST},
-    "hand": {"name": _HAND},
-    "sight": {"name": _SIGHT},
-    "pause": {"on": messages.FLAG},
-    "stop": {},
-    "film": {},
-}  # fmt: skip
+FIELDS: Final = fields_of(
+    "drive", assist=ASSISTANTS, hand=(NO_HAND, *IMPAIRMENTS), sight=(NO_SIGHT, *SIGHTS)
+)
 
 
 class DriveSession(PageSession):

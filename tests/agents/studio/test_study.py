@@ -23,7 +23,7 @@ from agents.people.protocol import Condition, Protocol, Questionnaire, Task
 from agents.people.session import ABORTED, CUT_OFF, GIVEN_UP, Session, State, read_folder
 from agents.studio.experimenter import Desk
 from agents.studio.messages import read_message
-from agents.studio.study import PATIENCE, STUDY_FIELDS, StudySession
+from agents.studio.study import FIELDS, PATIENCE, StudySession
 from tests.agents.people.test_participants import figures, full_disk, protocol
 from tests.agents.studio.served import (
     SCREENS,
@@ -278,7 +278,7 @@ def test_steps_that_are_not_due_are_refused(opened):
             assert socket_says()["type"] == "error"
         send(socket, "participant", number=0, resume=False)
         assert "participant.number is 0" in socket_says()["text"]
-    assert set(STUDY_FIELDS) >= {"participant", "consent", "begin", "answer"}
+    assert set(FIELDS) >= {"participant", "consent", "begin", "answer"}
 
 
 def test_a_page_that_is_closed_in_a_drive_leaves_the_step_open(opened):
