@@ -18,10 +18,10 @@ import scipy  # which loads scipy.stats when it is used
 from agents import read_data
 from agents.evaluation import statistics
 from agents.evaluation.assisted import MEASURES
+from agents.evaluation.compare import COLUMN_OF, LEVEL
 from agents.evaluation.metrics import Record
 from agents.evaluation.plots import paired
 from agents.evaluation.provenance import provenance, write_text
-from agents.evaluation.report import COLUMN_OF, LEVEL
 from agents.evaluation.tables import Column, Table, columns_of, csv_table, make_table, write_page
 from agents.people.folder import ATTEMPTS, DATA, DICTIONARY, PAGE, WIDE
 from agents.people.protocol import NASA_TLX, Protocol

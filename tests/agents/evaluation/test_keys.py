@@ -2,9 +2,8 @@
 
 import pytest
 
-from agents.evaluation.compare import Suite, compare
+from agents.evaluation.compare import COLUMNS, Suite, compare, markdown, write_report
 from agents.evaluation.metrics import TIMING
-from agents.evaluation.report import COLUMNS, markdown, write_report
 from agents.evaluation.tuning import METRICS
 from agents.learning.folder import RESULT_KEYS, _results
 

@@ -10,7 +10,7 @@ import pytest
 from agents.evaluation.evaluate import drive_episode, env_settings, make_env
 from agents.people import is_shielded
 from agents.people.assistant import AssistInput, AssistMission, find_doors, find_front
-from agents.people.manoeuvre import Manoeuvre
+from agents.people.goals import Manoeuvre
 from agents.policies import make_policy
 from tests.agents.people.test_assistants import CHAIR, SENSORS, reading
 
