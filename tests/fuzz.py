@@ -35,14 +35,8 @@ from agents.cli.arguments import spec
 from agents.evaluation.evaluate import env_settings as checked
 from agents.evaluation.map_evaluation import by_odometry
 from agents.evaluation.runs import compute, stored_line
+from agents.learning import folder as runs_folder
 from agents.learning.export import export_onnx
-from agents.learning.folder import (
-    CHECKPOINT,
-    load_checkpoint,
-    read_curve,
-    save_checkpoint,
-    write_curve,
-)
 from agents.learning.settings import read_training
 from agents.learning.weights import _digest, save_weights
 from agents.people.folder import Chain, current_protocol, read_chain
@@ -419,7 +413,7 @@ def _use_comparison(path: Path) -> None:
 
 def _curve(folder: Path) -> Path:
     rows = [{"frames": k * 100, "success": 0.1 * k, "eval_success": 0.5} for k in range(5)]
-    write_curve(folder, rows)
+    runs_folder.write_curve(folder, rows)
     return folder / "curve.csv"
 
 
@@ -600,8 +594,8 @@ def _checkpoint(folder: Path) -> Path:
     import torch
 
     content = {"identity": "x", "number": 2, "model": {"modules": {"a": {"w": torch.ones(3, 4)}}}}
-    save_checkpoint(folder, content)
-    return folder / CHECKPOINT
+    runs_folder.save_checkpoint(folder, content)
+    return folder / runs_folder.CHECKPOINT
 
 
 def _mutated_checkpoint(data: bytes, rng: np.random.Generator) -> bytes:
@@ -669,7 +663,8 @@ READERS: dict[str, Reader] = {
         ("learning.folder._results", "studio.compare_session._results"),
     ),
     "curve": Reader(
-        _curve, lambda path: write_curve(path.parent / "again", read_curve(path.parent)),
+        _curve,
+        lambda path: runs_folder.write_curve(path.parent / "x", runs_folder.read_curve(path.parent)),
         ("learning.folder.read_curve",),
     ),
     "store": Reader(_store, _use_store, ("evaluation.runs.read_store",)),
@@ -695,7 +690,7 @@ READERS: dict[str, Reader] = {
         lambda path: _use_weights(path.with_suffix("")), ("learning.export.__init__",),
     ),
     "checkpoint": Reader(
-        _checkpoint, lambda path: load_checkpoint(path.parent),
+        _checkpoint, lambda path: runs_folder.load_checkpoint(path.parent),
         ("learning.folder.load_checkpoint",), _mutated_checkpoint,
     ),
 }  # fmt: skip

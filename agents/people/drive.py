@@ -28,15 +28,7 @@ from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.geometry.kinematics import Limits
 from wheelchair_gym.maps import FREE, OccupancyGrid
 from wheelchair_gym.perception.localized_chair import unwrapped
-from wheelchair_gym.safety.stops import (
-    BY_HAND,
-    FAILED,
-    LATE,
-    NO_STICK,
-    OFF_CENTRE,
-    StopMonitor,
-    active_stops,
-)
+from wheelchair_gym.safety import stops
 from wheelchair_gym.types import Command, Episode, Mission, Reading, Stick
 
 CENTRED = Stick(0.0, 0.0, False)
@@ -98,7 +90,7 @@ class PersonsStick:
 
     def read(self) -> tuple[Stick, str]:
         """Return the stick, and why it counts as centred; empty: it is that of the hand."""
-        stick, why = CENTRED, NO_STICK
+        stick, why = CENTRED, stops.NO_STICK
         if self.source is not None:
             stick, why = self.source.stick(self._now())
         why = why or self._fault()
@@ -108,7 +100,7 @@ class PersonsStick:
             elif stick.forward == stick.left == 0.0:
                 self._must_centre = False
             elif self._must_centre:
-                why = OFF_CENTRE
+                why = stops.OFF_CENTRE
         if why:
             return CENTRED, why
         return Stick(self._share * stick.forward, self._share * stick.left, stick.latched), ""
@@ -170,7 +162,7 @@ class TimedAssistant:
         try:
             answer = self._answers.get(timeout=0.0 if self._waits else self.deadline)
         except queue.Empty:
-            self._waits, self.fault = True, LATE.format(self.name)
+            self._waits, self.fault = True, stops.LATE.format(self.name)
             return rest
         if self._waits and not isinstance(answer, Exception):
             self._waits, self.fault = False, ""  # that answer is too old
@@ -187,7 +179,7 @@ class TimedAssistant:
     def _fail(self, error: Exception) -> Command:
         self.error = error
         text = " ".join(str(error).split())[:120]
-        self.fault = f"{FAILED.format(self.name)} ({type(error).__name__}: {text})"
+        self.fault = f"{stops.FAILED.format(self.name)} ({type(error).__name__}: {text})"
         return Command(np.zeros(2))
 
     def _work(self) -> None:
@@ -284,8 +276,8 @@ class Keyboard:
     def stick(self, now: float) -> tuple[Stick, str]:
         """See `StickSource.stick`."""
         if not self.open or now - self._read_at > _SILENT:
-            return CENTRED, NO_STICK
-        return Stick(*self._tilt(), False), BY_HAND if self._manual else ""
+            return CENTRED, stops.NO_STICK
+        return Stick(*self._tilt(), False), stops.BY_HAND if self._manual else ""
 
     def __call__(self, now: float, limits: Limits) -> Array | None:
         """See `HardwareChair.joystick`: by hand, without an assistant; M begins and ends it."""
@@ -371,7 +363,7 @@ def drive_with_help(
     world, chair = env.unwrapped, unwrapped(env.unwrapped.chair)
     limits, period = world.task.limits, world.task.period
     trace, twists = StickTrace(limits, period), [np.zeros(2)]
-    length, monitor, stops, ended = 0.0, StopMonitor(), 0, ""
+    length, monitor, halts, ended = 0.0, stops.StopMonitor(), 0, ""
     observation, _ = env.reset(seed=0, options={"episode": episode})
     driver = GymPolicy(assistant, env)
     driver.reset()
@@ -380,10 +372,10 @@ def drive_with_help(
             reading, stood = world.task.reading, bool(monitor.messages)
             if reading.halted:
                 stick.must_centre()
-            causes = [*active_stops(reading.halted, world.shield), stick.why()]
+            causes = [*stops.active_stops(reading.halted, world.shield), stick.why()]
             for line in monitor.update(reading.stamp, causes):
                 log(f"{reading.stamp:7.1f} s  {line}")
-            stops += bool(monitor.messages) and not stood
+            halts += bool(monitor.messages) and not stood
             if chair.latched:
                 ended = monitor.why
                 break
@@ -393,5 +385,5 @@ def drive_with_help(
             twists.append(world.task.reading.twist)
             length += abs(float(twists[-1][0])) * period
     driven = (len(twists) - 1) * period
-    figures = {"time": driven, "length": length, "stops": stops, "ended": ended}
+    figures = {"time": driven, "length": length, "stops": halts, "ended": ended}
     return figures | trace.figures(np.array(twists), length) | late_steps(env)

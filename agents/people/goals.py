@@ -29,15 +29,8 @@ from planners.problem import Problem, Status
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.geometry import planar
 from wheelchair_gym.geometry.kinematics import arc_step
-from wheelchair_gym.geometry.planar import (
-    arc_lengths,
-    compose,
-    relative_pose,
-    to_frame,
-    to_world,
-    wrap,
-)
 from wheelchair_gym.people.assistance.arcs import follow_arc
 from wheelchair_gym.people.assistance.freedom import Sharing
 from wheelchair_gym.people.assistance.shared_dwa import (
@@ -182,7 +175,7 @@ class Goals:
         found = find_targets(now.points, self.mission.chair.footprint.front)
         belief = np.full(len(found), 1.0)
         if len(self._targets) and self._pose is not None:
-            before = to_frame(to_world(self._targets, self._pose), now.reading.pose)
+            before = planar.to_frame(planar.to_world(self._targets, self._pose), now.reading.pose)
             apart = cdist(found, before)
             nearest = apart.argmin(axis=1)
             same = apart[np.arange(len(found)), nearest] < SAME
@@ -356,7 +349,7 @@ class _Method:
         self._stamp, self._wait = reading.stamp, self._wait - since
         v, w = reading.twist.tolist()
         motion = np.array(arc_step(0.0, 0.0, 0.0, v, w, since))
-        self._pose = compose(self._pose, motion)
+        self._pose = planar.compose(self._pose, motion)
 
     def _goal(self, now: assistant.AssistInput, wanted: float) -> tuple[Array, bool] | None:
         """The pose (3,) in the chair's frame that the stick asks for, and whether it is docking."""
@@ -373,7 +366,7 @@ class _Method:
             now.points, self._mission.chair.footprint.half_width
         ):
             bearing, far = math.atan2(y, x), math.hypot(x, y)
-            off = abs(wrap(bearing - wanted))
+            off = abs(planar.wrap(bearing - wanted))
             fits = gap < WIDEST and far < REACH and off < ANGLE
             if fits and abs(yaw) < 1.3 and x > 0.0:
                 cost = off + 0.2 * far + gap
@@ -394,14 +387,14 @@ class _Method:
         problem = Problem(space, np.zeros(3), goal[0], half + min(now.margin, 0.02))
         plan = self._planner.plan(problem, np.random.default_rng(0))
         if plan.status is Status.SOLVED and len(plan.path) > 1:
-            path = compose(self._pose, plan.path)
-            self._plan = _Plan(path, arc_lengths(path), goal[1])
+            path = planar.compose(self._pose, plan.path)
+            self._plan = _Plan(path, planar.arc_lengths(path), goal[1])
 
     def _next(self, now: assistant.AssistInput) -> assistant.Twist | None:
         """The twist on the plan; None where it is over or the chair has left it."""
         assert self._plan is not None
         path, along, docks = self._plan
-        local = relative_pose(self._pose, path)
+        local = planar.relative_pose(self._pose, path)
         off = np.hypot(*local[:, :2].T) + 0.2 * np.abs(local[:, 2])
         at = int(off.argmin())
         left = float(along[-1] - along[at])

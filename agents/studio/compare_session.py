@@ -29,7 +29,6 @@ POLICIES: Final = (
 _MAX_FILES: Final = 300  # recordings and run folders that are listed
 _MAX_SEEN: Final = 20_000  # files that are looked at for them
 _SIDES: Final = ("left", "right")
-FIELDS: Final = fields_of("compare", side=_SIDES)
 
 
 class CompareSession(PageSession):
@@ -41,7 +40,7 @@ class CompareSession(PageSession):
         outbox: of the page.
     """
 
-    fields = FIELDS
+    fields = fields_of("compare", side=_SIDES)
 
     def __init__(self, places: dict[str, Place], folder: Path, outbox: Outbox) -> None:
         self._places = places

@@ -218,7 +218,6 @@ def write_problem(path: Path, grid: OccupancyGrid, start: list[float], goal: lis
 _NAME: Final = re.compile(r"\w([\w -]{0,58}\w)?")
 _LOADING: Final = threading.Lock()  # one map at a time, of all pages
 FIRST: Final = ("visibility", "a_star", "rrt_star", "rrt_star_woa_global", "swarm", "lattice")
-FIELDS: Final = fields_of("plan", planner=PLANNERS.built_in)
 
 
 class PlanSession(PageSession):
@@ -230,7 +229,7 @@ class PlanSession(PageSession):
         outbox: of the page.
     """
 
-    fields = FIELDS
+    fields = fields_of("plan", planner=PLANNERS.built_in)
 
     def __init__(self, places: dict[str, Place], folder: Path, outbox: Outbox) -> None:
         super().__init__(outbox)

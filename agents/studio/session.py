@@ -25,10 +25,6 @@ _LOG = logging.getLogger(__name__)
 DEAD_MAN: Final = 0.4  # s for which a deflection counts; the page confirms it every 0.05 s
 _LATE: Final = 0.25  # s: a drive that is later gives up catching up with real time
 
-FIELDS: Final = fields_of(
-    "drive", assist=ASSISTANTS, hand=(NO_HAND, *IMPAIRMENTS), sight=(NO_SIGHT, *SIGHTS)
-)
-
 
 class DriveSession(PageSession):
     """Serves the page Drive.
@@ -40,7 +36,9 @@ class DriveSession(PageSession):
         ready: set once a first drive is compiled.
     """
 
-    fields = FIELDS
+    fields = fields_of(
+        "drive", assist=ASSISTANTS, hand=(NO_HAND, *IMPAIRMENTS), sight=(NO_SIGHT, *SIGHTS)
+    )
 
     def __init__(
         self, places: dict[str, Place], folder: Path, outbox: Outbox, ready: threading.Event

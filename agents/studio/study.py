@@ -28,7 +28,6 @@ from wheelchair_gym.types import Stick
 RATE: Final = 20  # Hz, of control and of pictures
 # The time limits of `wheelchair compare --driver`: people who drive by switches are slow.
 PATIENCE: Final = {"task": {"time_base": 60.0, "time_factor": 10.0}}
-FIELDS: Final = fields_of("study", device=DEVICES, min_scan=MIN_SCAN, largest=LARGEST)
 
 
 class MeasuredDrive(Drive):
@@ -87,7 +86,7 @@ class StudySession(DriveSession):
         ready: set once a first drive is compiled.
     """
 
-    fields = FIELDS
+    fields = fields_of("study", device=DEVICES, min_scan=MIN_SCAN, largest=LARGEST)
 
     def __init__(self, desk: Desk | None, outbox: Outbox, ready: threading.Event) -> None:
         self._desk = desk
