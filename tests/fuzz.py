@@ -664,7 +664,9 @@ READERS: dict[str, Reader] = {
     ),
     "curve": Reader(
         _curve,
-        lambda path: runs_folder.write_curve(path.parent / "x", runs_folder.read_curve(path.parent)),
+        lambda path: runs_folder.write_curve(
+            path.parent / "again", runs_folder.read_curve(path.parent)
+        ),
         ("learning.folder.read_curve",),
     ),
     "store": Reader(_store, _use_store, ("evaluation.runs.read_store",)),
