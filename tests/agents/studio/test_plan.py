@@ -11,13 +11,13 @@ import pytest
 import shapely
 from PIL import Image
 
-from agents.studio import drawing
 from agents.studio.plan_session import (
     SHAPES,
     PlanSession,
     answer,
     blank,
     drawn,
+    far_ends,
     frames_of,
     loaded,
     problem_of,
@@ -183,7 +183,7 @@ def test_large_images_are_refused_before_they_are_decoded_and_loading_can_be_can
         act()
         assert sent[-1]["bounds"] == pytest.approx(bounds)
     cancelled = lambda *_: session.receive({"type": "cancel"})  # noqa: E731
-    monkeypatch.setattr(drawing, "loaded", cancelled)
+    monkeypatch.setattr("agents.studio.plan_session.loaded", cancelled)
     with pytest.raises(InputError, match="cancelled; the map is as it was"):
         session.on_load({"name": "Küche 1.png", "resolution": 0.05})
     assert session._grid.bounds == pytest.approx(bounds)
@@ -193,7 +193,7 @@ def test_large_images_are_refused_before_they_are_decoded_and_loading_can_be_can
 def test_far_ends_are_the_first_and_last_place_with_room():
     grid = drawn(blank(5.0, 4.0), [[FURNITURE, 0.0, 0.0, 2.0, 2.0]])
     places = grid.to_world(np.argwhere(grid.traversable(0.4)))
-    assert drawing.far_ends(grid, "x") == (places[0].tolist(), places[-1].tolist())
+    assert far_ends(grid, "x") == (places[0].tolist(), places[-1].tolist())
 
 
 def test_a_place_is_planned_on_and_a_saved_map_is_driven_on(served):
