@@ -404,7 +404,7 @@ def _comparison(folder: Path) -> Path:
 
 def _use_comparison(path: Path) -> None:
     from agents.learning.folder import _results
-    from agents.studio.compare_session import CompareSession
+    from agents.studio.session import CompareSession
 
     with contextlib.suppress(InputError):  # which the card's minimal results are for it
         CompareSession._results(SimpleNamespace(_runs={"mine": path}), "mine")
@@ -660,7 +660,7 @@ READERS: dict[str, Reader] = {
     "planner results": Reader(_bench, check_result, ("benchmarks.planner_benchmark.check_result",)),
     "comparison": Reader(
         _comparison, _use_comparison,
-        ("learning.folder._results", "studio.compare_session._results"),
+        ("learning.folder._results", "studio.session._results"),
     ),
     "curve": Reader(
         _curve,

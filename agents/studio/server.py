@@ -327,9 +327,8 @@ def make_session(page: str, studio: Studio, out: Outbox) -> Any:
 
         return StudySession(studio.desk, out, studio.warm_up.ready)
     from agents.studio.catalogue import choices
-    from agents.studio.compare_session import CompareSession
     from agents.studio.plan_session import PlanSession
-    from agents.studio.session import DriveSession
+    from agents.studio.session import CompareSession, DriveSession
 
     places = studio.places
     # Worlds of the twin are the same as those without it.

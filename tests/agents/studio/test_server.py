@@ -15,12 +15,11 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from agents.cli import main
 from agents.studio import session
-from agents.studio.compare_session import CompareSession
 from agents.studio.drive import film
 from agents.studio.messages import read_message
 from agents.studio.plan_session import PlanSession
 from agents.studio.server import listening_socket
-from agents.studio.session import DriveSession
+from agents.studio.session import CompareSession, DriveSession
 from tests.agents.studio.served import START, messages, send, serving
 from tests.conftest import PATIENCE, until
 from wheelchair_gym.base.settings import InputError
