@@ -1,7 +1,8 @@
 """Tables of results: `python docs/tables.py` fills them into README.md and the pages of docs.
 
 A page holds `<!-- figures: NAME -->`, the table and `<!-- end -->`; a function here writes the
-table from result files, docs/results/data/*.json, and from the cards of the shipped weights.
+table from result files, docs/results/data/*.json, and from the cards of the shipped weights. The
+words of pages, columns and rows stand in docs/tables.yaml.
 `python docs/tables.py take NAME FILE` makes such a file from the results.json of a comparison, the
 env.json of `wheelchair bench env`, the t1-agreement.json or the t1-budget.json of `wheelchair
 study`: counts and means, from which intervals follow. `wheelchair study` itself writes the
@@ -14,12 +15,13 @@ import csv
 import json
 import re
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT)]
@@ -31,23 +33,14 @@ from agents.evaluation.provenance import without_outputs, write_text  # noqa: E4
 from agents.evaluation.statistics import mcnemar, mcnemar_p, ratio_interval, wilson  # noqa: E402
 from agents.evaluation.tables import markdown_table  # noqa: E402
 from agents.learning.weights import load_weights  # noqa: E402
-from agents.studies.claims import ClaimVerdict  # noqa: E402
 from agents.studies.runner import STUDIES, count_verdicts, effect_text  # noqa: E402
 from wheelchair_gym.base.settings import InputError, read_json  # noqa: E402
 
 DATA = ROOT / "docs" / "results" / "data"
 WEIGHTS = ROOT / "agents" / "data" / "weights"
-# The pages of claims in docs/studies, and their studies.
-CHAPTERS = {
-    "claims_belalia_tables": " ".join(f"t1-3.{k}" for k in range(1, 14)),
-    "claims_belalia": "t1-budget t1-agreement t1-1.1 control",
-    "claims_saleh": "p1", "claims_larachi": "t2", "claims_al_nayar": "p2", "claims_singh": "r1",
-}  # fmt: skip
-PAGES = (
-    "README.md", "docs/results/index.md", "docs/how_to/learning.md", "docs/studies/index.md",
-    "docs/results/skills.md", "docs/studies/claims.md", "docs/studies/thesis.md",
-    *(f"docs/studies/{name}.md" for name in CHAPTERS),
-)  # fmt: skip
+WORDS: dict[str, Any] = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text("utf-8"))
+CHAPTERS: dict[str, str] = WORDS["chapters"]
+PAGES = (*WORDS["pages"], *(f"docs/studies/{name}.md" for name in CHAPTERS))
 ASSISTANCE = ("agreement_angle", "intervention_share", "stick_effort")  # means are kept
 _PART = re.compile(r"(<!-- figures: (\w+) -->\n).*?(<!-- end -->\n)", re.S)
 
@@ -199,6 +192,13 @@ def row_of(name: str, policy: str = BEST, pose: str = "mcl") -> Row:
 # ---- tables
 
 
+def table(name: str, rows: Iterable[Sequence[Any]], **words: Any) -> str:
+    """Rows as a Markdown table under the headings of docs/tables.yaml, with words filled in."""
+    headings = [heading.format(**words) for heading in WORDS["columns"][name]]
+    right = [heading.startswith(">") for heading in headings]
+    return markdown_table([heading.removeprefix(">") for heading in headings], rows, right)
+
+
 def percent(hits: int, of: int) -> str:
     """A share in percent with its 95 % interval."""
     low, high = wilson(hits, of)
@@ -223,13 +223,7 @@ def number(value: float | None, digits: int) -> str:
 def planned() -> str:
     """The best planned policy on each suite."""
     rows = []
-    for name, text in (
-        ("homes", "`homes`: doors from 0.90 m, corridors from 1.10 m"),
-        ("thesis", "`thesis`: its five maps"),
-        ("temporary", "`temporary`: obstacles appear on the way"),
-        ("barn", "`barn`, as drawn"),
-        ("crowd", "`crowd`: buildings and halls with people"),
-    ):
+    for name, text in WORDS["planned"].items():
         row = row_of(name)
         time = number(row["time"], 1)
         rows.append((text, f"{row['episodes']:,}", success(row), contacts(row), time))
@@ -239,26 +233,20 @@ def planned() -> str:
             for margin, of in (("of 5 cm or more", wide), ("below 5 cm", narrow)):
                 text = f"the same, worlds with a footprint margin {margin}"
                 rows.append((text, of["episodes"], success(of), "", ""))
-    headings = ("suite", "episodes", "success [%], 95 % interval", "contacts; chair at fault",
-                "time [s]")  # fmt: skip
-    return markdown_table(headings, rows, (False, True, False, False, True))
+    return table("planned", rows)
 
 
 def barn_60() -> str:
     """BARN's own worlds with a known and with an unknown map."""
     rows = []
-    for policy, note in (
-        (BEST, ""), ("lattice+dwa", ""), ("a_star+pure_pursuit", ", planned for a disc"),
-    ):  # fmt: skip
+    for policy, note in WORDS["barn_60"].items():
         known, unknown = (row_of("barn_60", policy, pose) for pose in ("mcl", "slam"))
         scores = f"{known['barn']:.2f}; {known['barn_own']:.2f}"
         rows.append(
             (f"`{policy}`{note}", known["success"], unknown["success"], contacts(known, unknown),
              scores)
         )  # fmt: skip
-    headings = ("policy", "known", "unknown", "contacts; chair at fault",
-                "BARN's score, known (at 2 m/s; at the chair's 0.8 m/s)")  # fmt: skip
-    return markdown_table(headings, rows, (False, True, True, False, False))
+    return table("barn_60", rows)
 
 
 def league() -> str:
@@ -274,11 +262,7 @@ def league() -> str:
          number(row["time"], 1), number(row["jerk_rms"], 2), number(row["energy_per_m"], 3))
         for row in sorted(known.values(), key=lambda row: -row["success"])
     ]  # fmt: skip
-    episodes = results("league")["rows"][0]["episodes"]
-    headings = ("policy", f"known map, success in {episodes} episodes [%]",
-                f"unknown map, {episodes} episodes", "contacts; chair at fault", "time [s]",
-                "jerk [m/s³]", "energy [Wh/m]")  # fmt: skip
-    return markdown_table(headings, rows, (False,) * 4 + (True,) * 3)
+    return table("league", rows, episodes=results("league")["rows"][0]["episodes"])
 
 
 def league_pairs() -> str:
@@ -295,10 +279,7 @@ def league_pairs() -> str:
             (where, f"{middle:.2f} ({low:.2f} to {high:.2f})", f"{alone}; {other}", f"{p:.2f}",
              f"{people[0]} of {episodes}; {people[1]} of {episodes}")
         )  # fmt: skip
-    both = "`ppo_guided`; `lattice+window`"
-    headings = ("", "ratio of times where both succeed", f"only one succeeds: {both}",
-                "p (McNemar)", f"successes among people: {both}")  # fmt: skip
-    return markdown_table(headings, rows)
+    return table("league_pairs", rows)
 
 
 def speed() -> str:
@@ -310,33 +291,18 @@ def speed() -> str:
             f"{rates[k]['rate']:,.0f} ({rates[k]['ratio']:.0f} x)" for k in ("one env", "batch")
         )
         rows.append((f"{beams:,}", f"{rates['IR-SIM']['rate']:.0f}", *ours))
-    headings = ("beams", "IR-SIM", "one env", "1,024 envs, 2 threads")
-    return markdown_table(headings, rows, (True,) * 4)
+    return table("speed", rows)
 
 
 def measured() -> str:
     """The figures of README.md: success, speed and claims."""
-    drives = [
-        (text.format(f"{row['episodes']:,}"), success(row), contacts(row))
-        for text, row in (
-            (f"`{BEST}`, {{}} homes", row_of("homes")),
-            (f"`{BEST}`, {{}} buildings and halls with people", row_of("crowd")),
-            (f"`{BEST}`, {{}} BARN worlds as the challenge draws them", row_of("barn")),
-            ("`ppo_guided`, {} homes, behind the shield",
-             row_of("homes_ppo_guided", "ppo_guided", "modelled")),
-        )
-    ]  # fmt: skip
-    texts = {"IR-SIM": "IR-SIM 2.12.0, same walls, same run", "one env": "one environment",
-             "batch": "1,024 environments, two threads"}  # fmt: skip
+    drives = []
+    for name, (text, policy, pose) in WORDS["measured"].items():
+        row = row_of(name, policy, pose)
+        drives.append((text.format(f"{row['episodes']:,}"), success(row), contacts(row)))
     rates = {row["what"]: row["rate"] for row in results("speed")["rows"] if row["beams"] == 1081}
-    headings = "steps per second, two cores of an AMD EPYC, 1,081 beams", ""
-    return "\n".join((
-        markdown_table(("", "success [%], 95 % interval", "contacts; chair at fault"), drives),
-        markdown_table(
-            headings, [(text, f"{rates[k]:,.0f}") for k, text in texts.items()], (False, True)
-        ),
-        claims(),
-    ))  # fmt: skip
+    speeds = [(text, f"{rates[what]:,.0f}") for what, text in WORDS["rates"].items()]
+    return "\n".join((table("drives", drives), table("rates", speeds), claims()))
 
 
 def published_verdicts(study: str = "") -> list[dict[str, Any]]:
@@ -366,7 +332,7 @@ def verdicts_by_study() -> str:
         for name in names.split():
             found = count_verdicts([{"claims": published_verdicts(name)}])
             rows.append((f"[`{name}`]({page}.md)", STUDIES[name].title, *found.values()))
-    return markdown_table(("study", "subject", *ClaimVerdict), rows, (False, False, *3 * (True,)))
+    return table("verdicts", rows)
 
 
 def agreement() -> str:
@@ -381,11 +347,7 @@ def agreement() -> str:
          *(f"{row[part]:.2f}" for part in ("odd", "even", "without")))
         for row in results("agreement")["rows"]
     ]  # fmt: skip
-    headings = (
-        "reading", "correlation", "R²", "RMS residual", "fitted length of RRT*",
-        "correlation, maps 1, 3, 5", "maps 2, 4", "without table 3.7",
-    )  # fmt: skip
-    return markdown_table(headings, rows)
+    return table("agreement", rows)
 
 
 def gain() -> str:
@@ -400,9 +362,7 @@ def gain() -> str:
          *(f"{of[0]:+.1f}" for of in gains.values()))
         for row in found["rows"] for gains in [dict(row["gain"])]
     ]  # fmt: skip
-    maps = [f"map {k}" for k in range(1, 6)]
-    headings = ("planner, whales x iterations", "CPU time [ms]", "length beside RRT*'s [%]", *maps)
-    return markdown_table(headings, rows, (False, True, False, *5 * (True,)))
+    return table("gain", rows)
 
 
 def learned() -> str:
@@ -418,15 +378,7 @@ def learned() -> str:
         seeds = [f"{s} (shipped)" if int(s) == card["seed"] else s for s in sorted(card["curves"])]
         headings.append(f"`{name}`: seeds {', '.join(seeds)}")
     rows = []
-    for text, options in (
-        ("`homes`, 1,000 each, no shield", "--suite homes --episodes 1000 --shield off"),
-        ("the same behind the shield", "--suite homes --episodes 1000 --shield on"),
-        ("`homes`, 100 each, no map (`--pose slam`), no shield",
-         "--suite homes --episodes 100 --shield off --pose slam"),
-        ("`crowd`, 120 each, behind the shield", "--suite crowd --episodes 60 --shield on"),
-        ("BARN's 60 worlds, no shield", "--scenes barn_60.json --episodes 1 --shield off"),
-        ("the same behind the shield", "--scenes barn_60.json --episodes 1 --shield on"),
-    ):  # fmt: skip
+    for options, text in WORDS["learned"].items():
         cells = []
         for name, card in cards.items():
             command = f"wheelchair compare --policies {name} {options}"
@@ -447,7 +399,7 @@ def sources() -> str:
          found["machine"]["cpu"])
         for path in sorted(DATA.glob("*.json")) for found in [results(path.stem)]
     ]  # fmt: skip
-    return markdown_table(("file", "command", "commit", "machine"), rows)
+    return table("sources", rows)
 
 
 def _times(rows: Sequence[Row], **which: str) -> list[float | None]:
@@ -476,16 +428,16 @@ def _driven(name: str, down: str) -> str:
     """Each person, or each course of driving skills, with each assistant."""
     rows = results(name)["rows"]
     columns = _names(rows, "policy")
-    table = [
+    lines = [
         (f"`{one}`", *(_succeed(_times(rows, **{down: one, "policy": other})) for other in columns))
         for one in _names(rows, down)
     ]
-    return markdown_table((down, *(f"`{column}`" for column in columns)), table)
+    return markdown_table((down, *(f"`{column}`" for column in columns)), lines)
 
 
 def skills_pairs() -> str:
     """Assistants beside the shield alone, drive by drive."""
-    rows, table = results("skills")["rows"], []
+    rows, lines = results("skills")["rows"], []
     base = _times(rows, policy="shield")
     for policy in _names(rows, "policy"):
         of = [row for row in rows if row["policy"] == policy]
@@ -496,20 +448,15 @@ def skills_pairs() -> str:
         beside = ("", "", "1.00") if policy == "shield" else (
             f"{alone}; {other}", f"{p:.3f}", f"{middle:.2f} ({low:.2f} to {high:.2f})"
         )  # fmt: skip
-        table.append(
+        lines.append(
             (f"`{policy}`", percent(hits, len(times)), sum(row["at_fault"] for row in of), *beside,
              f"{np.degrees(angle):.1f}", f"{100 * share:.0f}", f"{effort:.1f}")
         )  # fmt: skip
-    headings = ("assistant", "success [%], 95 % interval", "at fault",
-                "only one succeeds: it; `shield`", "p (McNemar)", "time beside `shield`",
-                "off the stick [deg]", "intervention [% of time]", "effort [s/m]")  # fmt: skip
-    return markdown_table(headings, table, (False, True, True, False, *5 * (True,)))
+    return table("skills", lines)
 
 
 def claims_text(names: Sequence[str]) -> str:
     """The claims of studies with their published verdicts, in Markdown."""
-    headings = ("claim", "place", "other reading", "printed [%]", "margin [%]",
-                "ours (95 % interval)", "verdict")  # fmt: skip
     studies = [STUDIES[name] for name in names]
     of_all = [n for n in studies[0].notes if studies[1:] and all(n in s.notes for s in studies)]
     text = "".join(f"\n{note}\n" for note in of_all)
@@ -523,8 +470,7 @@ def claims_text(names: Sequence[str]) -> str:
         ]  # fmt: skip
         text += (
             f"\n## `{name}`: {study.title}\n\n{study.source}. {study.settings} Reading: "
-            f"{study.reading}.\n\n`{rows[0]['command']}`\n\n"
-            f"{markdown_table(headings, lines, (False,) * 3 + (True,) * 3 + (False,))}"
+            f"{study.reading}.\n\n`{rows[0]['command']}`\n\n{table('claims', lines)}"
         )
         text += "".join(f"\n{note}\n" for note in study.notes if note not in of_all)
     return text
@@ -549,14 +495,14 @@ def filled(text: str, page: str) -> str:
         InputError: a name is unknown.
     """
 
-    def table(part: re.Match[str]) -> str:
+    def figures(part: re.Match[str]) -> str:
         if part[2] not in FIGURES:
             raise InputError(
                 f"{page}: figures {part[2]!r} are unknown; known: {', '.join(FIGURES)}"
             )
         return f"{part[1]}{FIGURES[part[2]]()}{part[3]}"
 
-    return _PART.sub(table, text)
+    return _PART.sub(figures, text)
 
 
 def contents() -> dict[Path, str]:

@@ -35,18 +35,16 @@ from agents.cli.arguments import spec
 from agents.evaluation.evaluate import env_settings as checked
 from agents.evaluation.map_evaluation import by_odometry
 from agents.evaluation.runs import compute, stored_line
-from agents.learning.checkpoint import NAME, load_checkpoint, save_checkpoint
-from agents.learning.curves import read_curve, write_curve
+from agents.learning import folder as runs_folder
 from agents.learning.export import export_onnx
 from agents.learning.settings import read_training
 from agents.learning.weights import _digest, save_weights
-from agents.people.chain import Chain, read_chain
-from agents.people.folder import current_protocol
+from agents.people.folder import Chain, current_protocol, read_chain
 from agents.people.protocol import Protocol
 from agents.policies import make_policy
 from agents.policies.sb3 import _algorithm
 from agents.studies.plan_pictures import problem_of
-from agents.studio.drawing import loaded
+from agents.studio.plan_session import loaded
 from planners import PLANNERS, Problem, Space, make_planner
 from planners.problem_files import read_problems
 from planners.rrt_star_woa.thesis import read_thesis
@@ -394,7 +392,7 @@ def _bench(folder: Path) -> Path:
 
 
 def _comparison(folder: Path) -> Path:
-    from agents.learning.publish import RESULT_KEYS
+    from agents.learning.folder import RESULT_KEYS
 
     row = {"policy": "mine.npz", "scene": "all"} | dict.fromkeys(RESULT_KEYS, 0.5)
     content = {
@@ -405,8 +403,8 @@ def _comparison(folder: Path) -> Path:
 
 
 def _use_comparison(path: Path) -> None:
-    from agents.learning.publish import _results
-    from agents.studio.compare_session import CompareSession
+    from agents.learning.folder import _results
+    from agents.studio.session import CompareSession
 
     with contextlib.suppress(InputError):  # which the card's minimal results are for it
         CompareSession._results(SimpleNamespace(_runs={"mine": path}), "mine")
@@ -415,7 +413,7 @@ def _use_comparison(path: Path) -> None:
 
 def _curve(folder: Path) -> Path:
     rows = [{"frames": k * 100, "success": 0.1 * k, "eval_success": 0.5} for k in range(5)]
-    write_curve(folder, rows)
+    runs_folder.write_curve(folder, rows)
     return folder / "curve.csv"
 
 
@@ -596,8 +594,8 @@ def _checkpoint(folder: Path) -> Path:
     import torch
 
     content = {"identity": "x", "number": 2, "model": {"modules": {"a": {"w": torch.ones(3, 4)}}}}
-    save_checkpoint(folder, content)
-    return folder / NAME
+    runs_folder.save_checkpoint(folder, content)
+    return folder / runs_folder.CHECKPOINT
 
 
 def _mutated_checkpoint(data: bytes, rng: np.random.Generator) -> bytes:
@@ -611,7 +609,7 @@ def _mutated_checkpoint(data: bytes, rng: np.random.Generator) -> bytes:
 
 READERS: dict[str, Reader] = {
     "map yaml": Reader(
-        _small_map, _use_map, ("maps.io.map_server._description", "studio.drawing.loaded")
+        _small_map, _use_map, ("maps.io.map_server._description", "studio.plan_session.loaded")
     ),
     "map png": Reader(
         lambda folder: _small_map(folder).with_suffix(".png"),
@@ -653,7 +651,7 @@ READERS: dict[str, Reader] = {
     "amendment": Reader(
         _amendment, lambda path: current_protocol(path.parent), ("people.folder.current_protocol",)
     ),
-    "records of a participant": Reader(_chain, read_chain, ("people.chain.read_chain",)),
+    "records of a participant": Reader(_chain, read_chain, ("people.folder.read_chain",)),
     "training settings": Reader(
         _shipped("ppo_guided.json"),
         lambda path: read_training(read_json(path), path.name, "ppo"),
@@ -662,11 +660,14 @@ READERS: dict[str, Reader] = {
     "planner results": Reader(_bench, check_result, ("benchmarks.planner_benchmark.check_result",)),
     "comparison": Reader(
         _comparison, _use_comparison,
-        ("learning.publish._results", "studio.compare_session._results"),
+        ("learning.folder._results", "studio.session._results"),
     ),
     "curve": Reader(
-        _curve, lambda path: write_curve(path.parent / "again", read_curve(path.parent)),
-        ("learning.curves.read_curve",),
+        _curve,
+        lambda path: runs_folder.write_curve(
+            path.parent / "again", runs_folder.read_curve(path.parent)
+        ),
+        ("learning.folder.read_curve",),
     ),
     "store": Reader(_store, _use_store, ("evaluation.runs.read_store",)),
     "log": Reader(
@@ -691,8 +692,8 @@ READERS: dict[str, Reader] = {
         lambda path: _use_weights(path.with_suffix("")), ("learning.export.__init__",),
     ),
     "checkpoint": Reader(
-        _checkpoint, lambda path: load_checkpoint(path.parent),
-        ("learning.checkpoint.load_checkpoint",), _mutated_checkpoint,
+        _checkpoint, lambda path: runs_folder.load_checkpoint(path.parent),
+        ("learning.folder.load_checkpoint",), _mutated_checkpoint,
     ),
 }  # fmt: skip
 

@@ -3,58 +3,51 @@
 import pytest
 
 from wheelchair_gym.hardware.boards.protocol import Fault
+from wheelchair_gym.safety import stops as causes
 from wheelchair_gym.safety.state import REASONS, UNSEEN
-from wheelchair_gym.safety.stops import (
-    STOPS,
-    Ends,
-    StopMonitor,
-    advice_for,
-    matching_stops,
-    shield_message,
-)
 
 BOARD = "the drive board has stopped ({}); a person must re-arm it"
 
 
 def test_every_fault_of_the_board_and_of_the_shield_has_its_row():
     for fault in Fault:
-        (row,) = matching_stops(BOARD.format(fault.name))
-        assert (row.name, row.ends) == (fault.name, Ends.NEW_RUN)
+        (row,) = causes.matching_stops(BOARD.format(fault.name))
+        assert (row.name, row.ends) == (fault.name, causes.Ends.NEW_RUN)
     for name in REASONS[UNSEEN + 1 :]:
-        (row,) = matching_stops(shield_message(name))
-        assert (row.name, row.part, row.ends) == (name, "shield", Ends.REARM)
-    assert {s.name for s in STOPS if s.part == "shield"} == set(REASONS[UNSEEN + 1 :])
+        (row,) = causes.matching_stops(causes.shield_message(name))
+        assert (row.name, row.part, row.ends) == (name, "shield", causes.Ends.REARM)
+    assert {s.name for s in causes.STOPS if s.part == "shield"} == set(REASONS[UNSEEN + 1 :])
 
 
 def test_several_faults_are_several_rows():
     both = BOARD.format((Fault.LINK | Fault.STALL).name)
-    assert {row.name for row in matching_stops(both)} == {"LINK", "STALL"}
-    assert "USB" in advice_for(both)
-    assert "wheel" in advice_for(both)
+    assert {row.name for row in causes.matching_stops(both)} == {"LINK", "STALL"}
+    assert "USB" in causes.advice_for(both)
+    assert "wheel" in causes.advice_for(both)
 
 
 @pytest.mark.parametrize(
     ("message", "ends"),
     [
-        ("the laser is silent (unplugged)", Ends.ITSELF),
-        ("/scan is silent (its last message lacks 'ranges')", Ends.ITSELF),
-        ("/tf does not report where base_link is on map", Ends.ITSELF),
-        ("/clock has stood still for 2.1 s: the simulation is paused or over", Ends.ITSELF),
-        ("the drive board brings it to rest", Ends.ITSELF),
-        ("a person drives it by the joystick", Ends.PERSON),
-        ("ws://x: the link is lost: closed", Ends.NEW_RUN),
-        ("the drive board has stopped (NEW_FAULT); a person must re-arm it", Ends.NEW_RUN),
-        ("something that nobody has thought of", Ends.ITSELF),
+        ("the laser is silent (unplugged)", causes.Ends.ITSELF),
+        ("/scan is silent (its last message lacks 'ranges')", causes.Ends.ITSELF),
+        ("/tf does not report where base_link is on map", causes.Ends.ITSELF),
+        ("/clock has stood still for 2.1 s: the simulation is paused or over", causes.Ends.ITSELF),
+        ("the drive board brings it to rest", causes.Ends.ITSELF),
+        ("a person drives it by the joystick", causes.Ends.PERSON),
+        ("ws://x: the link is lost: closed", causes.Ends.NEW_RUN),
+        ("the drive board has stopped (NEW_FAULT); a person must re-arm it", causes.Ends.NEW_RUN),
+        ("something that nobody has thought of", causes.Ends.ITSELF),
     ],
 )
 def test_what_the_parts_say_is_found(message, ends):
-    (row,) = matching_stops(message)
+    (row,) = causes.matching_stops(message)
     assert row.ends is ends
     assert (row.name == "unknown") == message.startswith("something")
 
 
 def test_it_goes_on_only_when_nothing_holds_it():
-    stops, shield = StopMonitor(), shield_message("laser silent")
+    stops, shield = causes.StopMonitor(), causes.shield_message("laser silent")
     assert stops.update(0.0, [""]) == []
     (line,) = stops.update(1.0, ["the laser is silent"])
     assert line.startswith("stands: the laser is silent; ")

@@ -19,20 +19,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from agents import is_interrupt, read_data
-from agents.benchmarks.entrants import (
-    MARGIN,
-    SEED,
-    UNLIMITED,
-    Case,
-    Entrant,
-    make_entrants,
-    make_plan,
-    scene_case,
-    scene_cases,
-    settings_dump,
-    stored_cases,
-    with_iterations,
-)
+from agents.benchmarks import entrants as contest
 from agents.benchmarks.environments import provenance
 from agents.evaluation.metrics import path_figures
 from agents.evaluation.plots import COLOURS, DASHES, LOOK, MARKS
@@ -75,7 +62,7 @@ def _median(values: Iterable[float | None]) -> float | None:
 
 
 def summary_row(
-    entrant: Entrant,
+    entrant: contest.Entrant,
     problem: str,
     records: Sequence[Record],
     optima: Mapping[str, float | None],
@@ -127,7 +114,7 @@ def summary_row(
 
 
 def summarise(
-    entrants: Sequence[Entrant],
+    entrants: Sequence[contest.Entrant],
     optima: Mapping[str, float | None],
     records: Sequence[Record],
     deadlines: Sequence[float],
@@ -203,12 +190,12 @@ def tables_text(rows: Sequence[Row], deadlines: Sequence[float], full: bool) -> 
 FORMAT = "wheelchair bench planners 1"  # of a results file
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 TERMS = [
-    term.format(UNLIMITED=UNLIMITED, LATE_FACTOR=LATE_FACTOR)
+    term.format(UNLIMITED=contest.UNLIMITED, LATE_FACTOR=LATE_FACTOR)
     for term in read_data("planner_benchmark.yaml")["terms"]
 ]
 
 Budget = str | float  # COLD, FREE, or a deadline [s]
-Job = tuple[Entrant, Case, int, Budget]
+Job = tuple[contest.Entrant, contest.Case, int, Budget]
 
 
 @contextlib.contextmanager
@@ -232,7 +219,7 @@ def one_core() -> Iterator[int | None]:
                 os.environ[name] = value
 
 
-def run_once(planner: Any, case: Case, seed: int, budget: Budget) -> Record:
+def run_once(planner: Any, case: contest.Case, seed: int, budget: Budget) -> Record:
     """The record of one run of a planner that is prepared for the map, with the judge's faults."""
     problem = case.fresh_problem() if budget == COLD else case.problem
     deadline = None if isinstance(budget, str) else budget
@@ -240,7 +227,7 @@ def run_once(planner: Any, case: Case, seed: int, budget: Budget) -> Record:
     error = None
     begun, cpu = perf_counter(), process_time()
     try:
-        plan = make_plan(planner, problem, seed, deadline)
+        plan = contest.make_plan(planner, problem, seed, deadline)
     except Exception as raised:  # an error of one planner does not end a benchmark of hours
         if is_interrupt(raised):
             raise
@@ -265,13 +252,13 @@ def run_once(planner: Any, case: Case, seed: int, budget: Budget) -> Record:
     return record | path_figures(plan.path, problem) | {"faults": len(faults), "why": faults[:1]}
 
 
-def _first_path_by_replay(planner: Any, case: Case, seed: int, plan: Plan) -> Record:
+def _first_path_by_replay(planner: Any, case: contest.Case, seed: int, plan: Plan) -> Record:
     """Time of the first path, by a run that ends at its iteration, where that is reported."""
     first = plan.counters.get("first_path_iterations")
     if first is None or not dataclasses.is_dataclass(planner):
         return {}
     begun = perf_counter()
-    earlier = make_plan(with_iterations(planner, max(1, first)), case.problem, seed)
+    earlier = contest.make_plan(contest.with_iterations(planner, max(1, first)), case.problem, seed)
     spent = perf_counter() - begun
     if not len(earlier.path):
         return {}
@@ -321,20 +308,22 @@ class PlannerBenchmark:
             check_result(file)
         self.deadlines = sorted(deadlines)
         if scenes:
-            self.cases = [scene_case(scene) for scene in scenes]
+            self.cases = [contest.scene_case(scene) for scene in scenes]
         else:
-            self.cases = stored_cases(problems, only) if problems else scene_cases(only)
-        self.entrants = make_entrants(ours, peers)
+            self.cases = (
+                contest.stored_cases(problems, only) if problems else contest.scene_cases(only)
+            )
+        self.entrants = contest.make_entrants(ours, peers)
         source, cpu = source_digest(), machine()["cpu"]
         self.jobs: dict[str, Job] = {}
         for case, seed, entrant in product(self.cases, seeds, self.entrants):
-            of = entrant.name, entrant.package, settings_dump(entrant.config)
+            of = entrant.name, entrant.package, contest.settings_dump(entrant.config)
             cold = [COLD] if seed == seeds[0] else []
             for budget in [*cold, FREE, *(self.deadlines if entrant.timed else ())]:
                 key = run_key(source, cpu, *of, case.digest, seed, budget)
                 self.jobs[key] = entrant, case, seed, budget
         self._settings = {
-            "problems": str(problems or f"scenes, seed {SEED}, margin {MARGIN} m"),
+            "problems": str(problems or f"scenes, seed {contest.SEED}, margin {contest.MARGIN} m"),
             "seeds": list(seeds),
             "deadlines_s": self.deadlines,
             "core": core,

@@ -1,15 +1,14 @@
 """The benchmark that others can enter: tracks of frozen episodes, and results that can be verified.
 
-A policy drives in a process of its own (`agents.policies.isolated`). Its result file holds every
+A policy drives in a process of its own (`agents.policies.delegated`). Its result file holds every
 episode, so that `verify` can drive some of them again.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -36,45 +35,58 @@ NEAR: Final = 1e-6  # digits of a world that its digest holds: others differ bet
 DIFFERENT: Final = 0.2  # share of outcomes that may differ on another kind of processor
 
 
-@dataclasses.dataclass(frozen=True)
-class Drives:
-    """The episodes of a track: its scenes with their settings, and the seeds of each."""
+class Track:
+    """The episodes of a track: those that count, or those for development.
 
-    scenes: tuple[dict[str, Any], ...]
-    seeds: range
-    env: Mapping[str, Any]
-    digest: str
-
-
-def drives_of(track: str, development: bool = False) -> Drives:
-    """The test episodes of a track, or those for development.
+    Attributes:
+        scenes: with their settings.
+        seeds: of each scene.
+        env: further settings of the environment.
+        digest: of all worlds, as this version of the benchmark has them.
 
     Raises:
         InputError: the track is unknown.
     """
-    if track not in TRACKS:
-        names = ", ".join(TRACKS)
-        raise InputError(f"track {track!r} is unknown; known: {names}{suggest(track, TRACKS)}")
-    of, kind = TRACKS[track], "development" if development else "test"
-    scenes = [dict(scene) for scene in of["scenes"]]
-    if "drivers" in of:
-        people = of["drivers"]
-        scenes = [labelled_with(scene, one, driver=one) for one in people for scene in scenes]
-    first = _TABLE["seeds"][kind]
-    env = {**_TABLE["env"], **of.get("env", {}), "split": "train" if development else "test"}
-    seeds = range(first, first + of["episodes"])
-    return Drives(tuple(scenes), seeds, env, of["digests"][kind])
 
+    def __init__(self, name: str, development: bool = False) -> None:
+        if name not in TRACKS:
+            names = ", ".join(TRACKS)
+            raise InputError(f"track {name!r} is unknown; known: {names}{suggest(name, TRACKS)}")
+        of, kind = TRACKS[name], "development" if development else "test"
+        self.scenes: list[dict[str, Any]] = [dict(scene) for scene in of["scenes"]]
+        if people := of.get("drivers"):
+            self.scenes = [
+                labelled_with(one, who, driver=who) for who in people for one in self.scenes
+            ]
+        first = _TABLE["seeds"][kind]
+        self.seeds, self.digest = range(first, first + of["episodes"]), of["digests"][kind]
+        self.env = {
+            **_TABLE["env"],
+            **of.get("env", {}),
+            "split": "train" if development else "test",
+        }
+        self._assists = bool(people)
 
-def digest_of(drives: Drives) -> str:
-    """SHA-256 of all worlds of a track, with starts, goals and people, rounded to `NEAR`."""
-    digest = hashlib.sha256()
-    for scene in drives.scenes:
-        with closing(make_env(scene, drives.env, render_mode=None)) as env:
-            for seed in drives.seeds:
-                env.reset(seed=seed)
-                _add(digest, env.unwrapped.episode)
-    return digest.hexdigest()
+    def found_digest(self) -> str:
+        """SHA-256 of all worlds that are drawn, with starts, goals and people, to `NEAR`."""
+        digest = hashlib.sha256()
+        for scene in self.scenes:
+            with closing(make_env(scene, self.env, render_mode=None)) as env:
+                for seed in self.seeds:
+                    env.reset(seed=seed)
+                    _add(digest, env.unwrapped.episode)
+        return digest.hexdigest()
+
+    def drive(
+        self, policy: Spec, seeds: Sequence[int], folder: Path, jobs: int, progress: bool
+    ) -> list[Record]:
+        """Records of episodes, whose policy, or assistant, is in a process of its own."""
+        driver = {"name": "assisted", "assist": policy} if self._assists else policy
+        isolated = {"name": "isolated", "policy": driver, "label": label(policy)}
+        return evaluate(
+            [isolated], self.scenes, seeds, env=self.env, folder=folder, jobs=jobs,
+            progress=progress,
+        )  # fmt: skip
 
 
 def _add(digest: Any, episode: Episode) -> None:
@@ -105,13 +117,13 @@ def run(
     Raises:
         InputError: the policy or the track is unknown, or this version draws other worlds.
     """
-    drives = drives_of(track, development)
-    if (found := digest_of(drives)) != drives.digest:
+    drives = Track(track, development)
+    if (found := drives.found_digest()) != drives.digest:
         raise InputError(
             f"track {track}: this installation draws other worlds than version {VERSION} of the "
             f"benchmark has ({found[:12]}, not {drives.digest[:12]})"
         )
-    records = _drive(policy, track, drives, drives.seeds, folder, jobs, progress)
+    records = drives.drive(policy, drives.seeds, folder, jobs, progress)
     episodes = [
         {key: record[key] for key in ("scene", "seed", *FIGURES, *COMPUTING)} for record in records
     ]
@@ -123,20 +135,6 @@ def run(
     path = folder / f"{track}.json"
     write_json(path, result | {"digest": _digest(result)})
     return result, path
-
-
-def _drive(
-    policy: Spec, track: str, drives: Drives, seeds: Any, folder: Path, jobs: int, progress: bool
-) -> list[Record]:
-    """Records of episodes, whose policy is in a process of its own."""
-    driver: Spec = policy
-    if "drivers" in TRACKS[track]:
-        driver = {"name": "assisted", "assist": policy}
-    isolated = {"name": "isolated", "policy": driver, "label": label(policy)}
-    return evaluate(
-        [isolated], drives.scenes, list(seeds), env=drives.env, folder=folder, jobs=jobs,
-        progress=progress,
-    )  # fmt: skip
 
 
 def summary(episodes: list[Record]) -> Record:
@@ -194,7 +192,7 @@ def verify(path: Path, episodes: int, jobs: int = 1, progress: bool = True) -> t
         InputError: see `read_result`; also if its worlds are not those of the track.
     """
     result = read_result(path)
-    drives = drives_of(result["track"], result["development"])
+    drives = Track(result["track"], result["development"])
     wanted = {(one["scene"], one["seed"]): one for one in result["episodes"]}
     if result["worlds"] != drives.digest or wanted.keys() != {
         (label(scene), seed) for scene in drives.scenes for seed in drives.seeds
@@ -202,10 +200,8 @@ def verify(path: Path, episodes: int, jobs: int = 1, progress: bool = True) -> t
         raise InputError(f"{path}: its episodes are not those of the track {result['track']}")
     every = max(1, len(drives.seeds) // episodes)
     with TemporaryDirectory() as folder:
-        records = _drive(
-            result["spec"], result["track"], drives, drives.seeds[::every], Path(folder), jobs,
-            progress,
-        )  # fmt: skip
+        some = drives.seeds[::every]
+        records = drives.drive(result["spec"], some, Path(folder), jobs, progress)
     here = provenance()
     same = here["versions"] == result["versions"]
     same &= here["machine"]["cpu"] == result["machine"]["cpu"]

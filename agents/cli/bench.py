@@ -68,13 +68,14 @@ def _line(row: dict[str, Any]) -> str:
 
 def train(given: argparse.Namespace) -> int:
     """Train, and print where the seconds went."""
-    from agents.benchmarks.training import measure, text
     from agents.cli.train import training_content
+    from agents.learning.run import measure_parts, parts_text
     from agents.learning.settings import read_training
 
     content, where = training_content(given)
-    found = measure(read_training(arguments.changed(content, given.set), where, given.algorithm))
-    arguments.report(given, found, text(found))
+    config = read_training(arguments.changed(content, given.set), where, given.algorithm)
+    found = measure_parts(config)
+    arguments.report(given, found, parts_text(found))
     return 0
 
 

@@ -16,9 +16,9 @@ from typing import Any
 from agents.cli.arguments import check_assist, labelled, map_scenes, report, shield_of, spec, watch
 from agents.cli.options import DEFAULT_POSE
 from agents.evaluation import compare as comparison
+from agents.evaluation.compare import BRIEF, terminal_table
 from agents.evaluation.evaluate import Spec, label, labelled_with
 from agents.evaluation.provenance import cores
-from agents.evaluation.report import BRIEF, terminal_table
 from wheelchair_gym.base.settings import InputError, read_json
 from wheelchair_gym.people.drivers import make_driver
 from wheelchair_gym.scenes.barn import world_numbers

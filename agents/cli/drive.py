@@ -13,21 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from agents.cli.arguments import (
-    chair_spec,
-    check_assist,
-    env_of,
-    real_chair_env,
-    report,
-    scene_of,
-    spec,
-    watch,
-)
+from agents.cli import arguments
 from agents.deploy import Deployment, EventLog, check_start, late_steps, rearm, rehearse, to_stderr
 from agents.deploy import deploy as deploy_policy
 from agents.evaluation.evaluate import drive_episode, env_settings, label, make_env
 from agents.people import is_shielded
-from agents.people.replay import open_loop
+from agents.people.recorded_stick import open_loop
 from agents.policies import GymPolicy, make_policy
 from agents.watch import Each, ignore
 from wheelchair_gym.base.settings import InputError
@@ -49,26 +40,26 @@ def simulate(given: argparse.Namespace) -> int:
     """Drive one episode and report it."""
     from wheelchair_gym.rendering.legend import scene_entries, with_legend
 
-    check_assist(given)
-    settings, name = env_of(given), given.policy
-    labels: dict[str, Any] = {"policy": spec(name)}
-    policy = make_policy(spec(name))
+    arguments.check_assist(given)
+    settings, name = arguments.env_of(given), given.policy
+    labels: dict[str, Any] = {"policy": arguments.spec(name)}
+    policy = make_policy(arguments.spec(name))
     if given.driver is not None:
         if name not in ("assisted", given.parser.get_default("policy")):
             raise InputError(f"--policy {name}: the person of --driver drives; expected --assist")
         name = given.assist or "slide"
-        policy = make_policy({"name": "assisted", "assist": spec(name)})
-        settings |= {"driver": spec(given.driver)}
-        labels = {"assistant": spec(name)}
+        policy = make_policy({"name": "assisted", "assist": arguments.spec(name)})
+        settings |= {"driver": arguments.spec(given.driver)}
+        labels = {"assistant": arguments.spec(name)}
         if given.shield is None:
-            settings["shield"] = settings.get("shield") and is_shielded(spec(name))
+            settings["shield"] = settings.get("shield") and is_shielded(arguments.spec(name))
     scene = settings.get("config", {}).get("scene", "floor_plan")
     mode, episode = "human" if given.window else "rgb_array", None
     if given.chair is not None:
-        scene = scene if given.scene is None else spec(given.scene)
+        scene = scene if given.scene is None else arguments.spec(given.scene)
         env, episode = _real(given, settings, scene, mode)
     else:
-        scene = scene_of(given, scene)
+        scene = arguments.scene_of(given, scene)
         env = make_env(scene, settings, mode)
     env.unwrapped.labels |= labels
     frames: list[Any] = []
@@ -76,7 +67,7 @@ def simulate(given: argparse.Namespace) -> int:
     # Reports why a real chair stands, and ends a run that cannot continue.
     events = None if given.chair is None else EventLog(Deployment(), to_stderr)
     try:
-        env, film = watch(given).on(env, film)
+        env, film = arguments.watch(given).on(env, film)
 
         def each(now: Any) -> bool:
             film(now)
@@ -106,7 +97,7 @@ def simulate(given: argparse.Namespace) -> int:
         + (" (in simulation it cannot be re-armed)" if stands and given.chair is None else "")
         + ("" if given.chair is None else _timing(record))
     )
-    report(given, record, text)
+    arguments.report(given, record, text)
     return 0
 
 
@@ -120,11 +111,11 @@ def _real(
         raise InputError("--chair: expected --goal X,Y on its own map, or --scene with one")
     if given.start is not None and len(given.start) != 3:
         raise InputError("--start of a real chair: expected X,Y,YAW (m, m, rad)")
-    named = chair_spec(given.chair)
+    named = arguments.chair_spec(given.chair)
     check_extras(named)
     if given.policy != "manual":  # which needs the window
-        rehearse(spec(given.policy), settings)
-    env, chair = real_chair_env(named, settings, scene=scene, render_mode=mode)
+        rehearse(arguments.spec(given.policy), settings)
+    env, chair = arguments.real_chair_env(named, settings, scene=scene, render_mode=mode)
     try:
         episode = None if given.goal is None else chair.episode(given.goal, given.start)
         if given.goal is not None and episode is None:
@@ -141,9 +132,9 @@ def deploy(given: argparse.Namespace) -> int:
         raise InputError("--start: expected X,Y,YAW (m, m, rad)")
     limits = {"first": given.initial_speed, "rise": given.speed_ramp, "maximum": given.max_speed}
     config = Deployment(**{name: value for name, value in limits.items() if value is not None})
-    chair = chair_spec(given.chair)
+    chair = arguments.chair_spec(given.chair)
     check_extras(chair)
-    policy = make_policy(spec(given.policy))
+    policy = make_policy(arguments.spec(given.policy))
     settings = env_settings(config=given.config, pose_source=given.pose)
     episode = _episode(given, complete_env_settings(**settings).chair.footprint)
     if given.dry_run:
@@ -152,20 +143,20 @@ def deploy(given: argparse.Namespace) -> int:
             raise InputError(f"--dry-run: {given.chair} cannot be listened to; expected hardware")
         chair = {**chair, "dry_run": True}
     print("getting ready", file=sys.stderr)
-    rehearse(spec(given.policy), settings)
-    env, _ = real_chair_env(chair, settings, render_mode="rgb_array")
+    rehearse(arguments.spec(given.policy), settings)
+    env, _ = arguments.real_chair_env(chair, settings, render_mode="rgb_array")
 
     def begin(env: Any) -> None:
         check_start(env, episode.start, given.force_start, to_stderr)
 
     try:
-        env, film = watch(given).on(env)
+        env, film = arguments.watch(given).on(env)
         record = deploy_policy(env, policy, episode, config, to_stderr, given.dry_run, film, begin)
     finally:
         env.close()
     record |= {"policy": given.policy, "map": given.map, "goal": given.goal}
     ended = f"; {record['ended']}" if record["ended"] else ""
-    report(
+    arguments.report(
         given,
         record,
         f"{given.policy}: {record['outcome']} after {record['time']:.1f} s and "
@@ -177,16 +168,25 @@ def deploy(given: argparse.Namespace) -> int:
 
 def assisted(given: argparse.Namespace) -> int:
     """Run a person's drive of a real chair with an assistant; 1 if the chair stopped for good."""
-    from agents.people.drive import drive_with_help, open_space, without_goal
+    from agents.people.drive import (
+        Keyboard,
+        PersonsStick,
+        Stand,
+        TimedAssistant,
+        drive_with_help,
+        open_space,
+        without_goal,
+    )
     from agents.people.recorded_stick import REST, prompt_text, schedule
-    from agents.people.stick import Keyboard, PersonsStick, Stand, TimedAssistant
 
-    chair = chair_spec(given.chair)
+    chair = arguments.chair_spec(given.chair)
     check_extras(chair)
     if not isinstance(chair_settings(chair), HardwareSettings):
         raise InputError(f"--chair {given.chair}: expected hardware, whose boards read a joystick")
-    policy = {"name": "assisted", "assist": spec(given.assist)}
-    helper = TimedAssistant(make_policy(policy), label(spec(given.assist)), given.deadline)
+    policy = {"name": "assisted", "assist": arguments.spec(given.assist)}
+    helper = TimedAssistant(
+        make_policy(policy), label(arguments.spec(given.assist)), given.deadline
+    )
     prompts: list[list[float]] = []
     if given.prompts:
         prompts = schedule(0, (1.0,) * 4 if given.input == "keyboard" else (1.0, 0.5))
@@ -214,14 +214,16 @@ def assisted(given: argparse.Namespace) -> int:
     share = hand.speed_fraction if given.speed is None else given.speed
     share = 1.0 if prompts else share
     stick = PersonsStick(share, time.monotonic, lambda: helper.fault)
-    env, made = real_chair_env(chair, {"config": config}, person=stick, render_mode="rgb_array")
+    env, made = arguments.real_chair_env(
+        chair, {"config": config}, person=stick, render_mode="rgb_array"
+    )
     keys = None
     try:
         env.unwrapped.labels = {
-            "assistant": spec(given.assist), "interface": given.input, "share": share,
+            "assistant": arguments.spec(given.assist), "interface": given.input, "share": share,
             "prompts": prompts,
         }  # fmt: skip
-        env, film = watch(given).on(env)
+        env, film = arguments.watch(given).on(env)
         real: Any = unwrapped(made)
         real.person, real.assisted = stick.why, given.input == "board"
         if given.input == "keyboard":
@@ -260,7 +262,7 @@ def assisted(given: argparse.Namespace) -> int:
         f"{record['stops']} times, changed the stick's twist for "
         f"{100.0 * record['intervention_share']:.0f} % of the time{ended}{_timing(record)}"
     )
-    report(given, record, text)
+    arguments.report(given, record, text)
     return 1 if record["ended"] else 0
 
 
@@ -276,7 +278,7 @@ def fit(given: argparse.Namespace) -> int:
                 sessions.append(session_of(recorded))
             except InputError as error:
                 raise InputError(f"{file}: {error}") from None
-    base = make_driver(spec(given.base))
+    base = make_driver(arguments.spec(given.base))
     found = fit_driver(sessions, base, given.repeats, given.seed)
     lines = [
         f"{name:24} {one.value:8.4f}  ({one.low:.4f} to {one.high:.4f})"
@@ -290,7 +292,7 @@ def fit(given: argparse.Namespace) -> int:
         "not_fitted": found.unidentified,
         "figures": found.figures,
     }
-    report(given, value, "\n".join(lines))
+    arguments.report(given, value, "\n".join(lines))
     return 0
 
 
@@ -354,7 +356,7 @@ def replay(given: argparse.Namespace) -> int:
     frames: list[Any] = []
     records, lines = [], []
     mode = "rgb_array" if given.video or given.picture or given.images else None
-    viewers, env, each = watch(given), None, ignore
+    viewers, env, each = arguments.watch(given), None, ignore
     try:
         for number in chosen:
             inner: Any = replay_env(chapters[number], mode)
@@ -364,7 +366,7 @@ def replay(given: argparse.Namespace) -> int:
                 env.env = inner  # one recording for all chapters
             record = {"episode": number} | _again(chapters[number], env, each, given, frames)
             if given.assist is not None:
-                record |= open_loop(chapters[number], spec(given.assist))
+                record |= open_loop(chapters[number], arguments.spec(given.assist))
             records.append(record)
             line = (
                 f"episode {number}: {record['steps']} steps, reward {record['reward']:.4f}; "
@@ -382,7 +384,7 @@ def replay(given: argparse.Namespace) -> int:
         write_video(given.video, frames, chapters[0].settings.rate)
     if given.picture:
         write_png(given.picture, frames[-1])
-    report(given, records, "\n".join(lines))
+    arguments.report(given, records, "\n".join(lines))
     return 0 if all(record["same"] for record in records) else 1
 
 
@@ -403,7 +405,7 @@ def _again(
 ) -> dict[str, Any]:  # fmt: skip
     """Judge an episode again; with a policy, compare its action at every step."""
     observation, _ = env.reset(seed=0, options={"episode": chapter.episode})
-    policy = GymPolicy(make_policy(spec(given.policy)), env) if given.policy else None
+    policy = GymPolicy(make_policy(arguments.spec(given.policy)), env) if given.policy else None
     if policy is not None:
         policy.reset()
     rewards, same, differences = 0.0, True, []

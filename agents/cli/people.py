@@ -40,8 +40,7 @@ def studio(given: argparse.Namespace) -> int:
     warm_up = WarmUp()
     warm_up.start()  # while the server is loaded
     try:
-        from agents.studio.access import Access
-        from agents.studio.server import Studio, serve
+        from agents.studio.server import Access, Studio, serve
 
         access = Access(lan=given.lan)
         runs = Path(given.runs)

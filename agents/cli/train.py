@@ -32,8 +32,8 @@ class Case(NamedTuple):
 
 def run(given: argparse.Namespace) -> int:
     """Train once for each value of the varied setting and each seed."""
-    from agents.learning.curves import write_sweep
     from agents.learning.demonstrations import load_imitation
+    from agents.learning.folder import write_sweep
     from agents.learning.settings import read_training
 
     try:
@@ -123,7 +123,7 @@ def varied(text: str | None) -> tuple[str, list[str]]:
 
 def _last_row(imitates: bool, folder: Path) -> dict[str, Any]:
     """The result of a run that another process has made."""
-    from agents.learning.curves import read_curve
+    from agents.learning.folder import read_curve
 
     rows: list[dict[str, Any]] = (
         read_json(folder / "rounds.json") if imitates else read_curve(folder)
@@ -238,7 +238,7 @@ def _in_processes(given: argparse.Namespace, cases: list[Case]) -> int:
 def export(given: argparse.Namespace) -> int:
     """Write weights as ONNX, or with a model card."""
     if given.npz is not None:
-        from agents.learning.publish import publish
+        from agents.learning.folder import publish
 
         file = Path(given.npz)
         weights = publish(Path(given.policy), [Path(name) for name in given.results], file)

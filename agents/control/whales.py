@@ -12,15 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.control.followers import (
-    BACKWARD,
-    CREEP,
-    HOLD,
-    Follower,
-    Situation,
-    Window,
-    relax_clearance,
-)
+from agents.control import followers
 from agents.control.rollout import Body, LocalView, S, cheapest, rollout_cost, start_row
 from agents.control.tight_places import ManoeuvreTracker
 from planners.rrt_star_woa.woa import WhaleParameters, WhaleSettings, move, new_whales, tell
@@ -34,13 +26,13 @@ COMMANDS = 3  # in a particle, at most
 SIZE = 3 * COMMANDS + 1  # (v, w, t) of each, then how many count
 
 
-def _bounds(config: RefinedWindow, now: Situation, slow: bool) -> tuple[Array, Array]:
+def _bounds(config: RefinedWindow, now: followers.Situation, slow: bool) -> tuple[Array, Array]:
     """Bounds (SIZE,) of a particle's values."""
     limits, horizon = now.chair.limits, config.objective.horizon
-    back = 0.0 if now.local_map.blind else min(BACKWARD, limits.backward)
+    back = 0.0 if now.local_map.blind else min(followers.BACKWARD, limits.backward)
     ahead = limits.forward
     if slow:
-        back, ahead = min(back, CREEP), min(ahead, CREEP)
+        back, ahead = min(back, followers.CREEP), min(ahead, followers.CREEP)
     low = [-back, -limits.turn, 2.0 * now.chair.period] * COMMANDS + [1.0]
     high = [ahead, limits.turn, horizon] * COMMANDS + [COMMANDS + 0.999]
     return np.array(low), np.array(high)
@@ -97,7 +89,7 @@ class WhaleCommands:
         self._state = stream(np.random.default_rng(0))  # anew for every path
         self._best: Array | None = None  # (SIZE,)
 
-    def twist(self, now: Situation) -> Array | None:
+    def twist(self, now: followers.Situation) -> Array | None:
         """See `Follower.twist`."""
         config, view, body = self.config, now.view, now.chair.body
         first = _fan_and_plan(config, now, self._best)
@@ -112,20 +104,20 @@ class WhaleCommands:
                 some, lower, upper, body, view, margin, self._objective,
                 config.whales.parameters, self._state,
             )  # fmt: skip
-            best = cheapest(tried, costs, body, view, HOLD, margin)
+            best = cheapest(tried, costs, body, view, followers.HOLD, margin)
             if best < 0:
                 return None
             self._best = tried[best]
             return np.array(tried[best, :2])
 
-        twist = relax_clearance(now, config.margin, pick)
+        twist = followers.relax_clearance(now, config.margin, pick)
         if twist is None:
             self._best = None
         return twist
 
 
 @settings
-class RefinedWindow(Window):
+class RefinedWindow(followers.Window):
     """Whales refine the best of a fan, of the plan's commands and of the last best ones.
 
     With no iterations of the whales it is `window` with the plan's commands among its candidates.
@@ -136,7 +128,7 @@ class RefinedWindow(Window):
     )
     """The swarm, the best candidates at first."""
 
-    def make(self) -> Follower:
+    def make(self) -> followers.Follower:
         """A follower at rest."""
         return ManoeuvreTracker(WhaleCommands(self), self.margin)
 
@@ -162,7 +154,7 @@ def plan_commands(rows: Array, limits: Limits, horizon: float) -> Array:
             turn = 2.0 * math.atan2(aside, ahead) if way > 0.0 else 2.0 * math.atan2(-aside, -ahead)
             if abs(way) < 0.05:
                 way, turn = 0.0, math.remainder(row[2] - yaw, 2.0 * math.pi)
-            fastest = limits.forward if way >= 0.0 else min(BACKWARD, limits.backward)
+            fastest = limits.forward if way >= 0.0 else min(followers.BACKWARD, limits.backward)
             need = max(abs(way) / max(fastest, 1e-6), abs(turn) / limits.turn) / share
             time = max(need, 0.1)
             commands[k] = way / time, turn / time, time
@@ -170,7 +162,7 @@ def plan_commands(rows: Array, limits: Limits, horizon: float) -> Array:
     return found
 
 
-def _fan_and_plan(config: RefinedWindow, now: Situation, best: Array | None) -> Array:
+def _fan_and_plan(config: RefinedWindow, now: followers.Situation, best: Array | None) -> Array:
     """Particles (n, SIZE): the fan, the plan's commands, and what was best or is driven."""
     view, chair, horizon = now.view, now.chair, config.objective.horizon
     fan = now.local_map.limit_for_unseen_space(config.fan(chair), chair.body.state)

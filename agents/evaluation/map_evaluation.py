@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 from tqdm import tqdm
 
 from agents import is_interrupt
-from agents.control.unknown_space import cells_at
+from agents.control.local_map import cells_at
 from agents.policies import GymPolicy, Policy
 from agents.watch import ignore
 from planners.collision.space import Space

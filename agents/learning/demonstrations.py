@@ -23,10 +23,9 @@ from torch import nn
 from tqdm import tqdm
 
 from agents.evaluation.provenance import write_json
-from agents.learning.features import Layout
 from agents.learning.networks import FeaturesExtractor, arrays_of, dense_parameters, mlp
 from agents.learning.settings import Imitation, training_env_settings
-from agents.learning.weights import Network, Weights, make_card, save_weights
+from agents.learning.weights import Layout, Network, Weights, make_card, save_weights
 from agents.policies import GymPolicy, make_policy
 from wheelchair_gym.base.arrays import Floats
 from wheelchair_gym.base.settings import InputError, load

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from agents.evaluation.provenance import write_json
 from agents.evaluation.tables import templates
-from agents.learning import features
+from agents.learning import weights as learned
 from agents.learning.weights import Weights, check_card
 from wheelchair_gym.base.arrays import Floats
 from wheelchair_gym.base.errors import shorten
@@ -73,7 +73,7 @@ def export_onnx(weights: Weights, path: str | Path) -> dict[str, Any]:
     outputs = {"action": 2} | ({} if layout.is_assistant else {"twist_asked": 2})
     text = templates().get_template("policy.onnx.txt").render(
         opset=OPSET, inputs=inputs, outputs=outputs,
-        others=[NAMES.get(key, key) for key in features.SCALED[2:] if key in sizes],
+        others=[NAMES.get(key, key) for key in learned.SCALED[2:] if key in sizes],
         layers=weights.dense_layers, head=weights.card["head"], is_assistant=layout.is_assistant,
     )  # fmt: skip
     model = onnx.parser.parse_model(text)
@@ -82,9 +82,9 @@ def export_onnx(weights: Weights, path: str | Path) -> dict[str, Any]:
         "laser_reach": np.concatenate([np.full(laser.beams, laser.reach) for laser in lasers]),
         "ultrasonic_reach": [model.reach for model in env.sensors.ultrasonic.models],
         "groups": groups_of(pools_of(env)),
-        "range_shift": features.RANGE_SHIFT, "range_scale": features.RANGE_SCALE,
+        "range_shift": learned.RANGE_SHIFT, "range_scale": learned.RANGE_SCALE,
         "goal_range_index": np.array([0]), "bearing_indices": np.arange(1, sizes.get("goal", 1)),
-        "goal_range": features.GOAL_RANGE, "goal_proximity_weight": features.GOAL_PROXIMITY_WEIGHT,
+        "goal_range": learned.GOAL_RANGE, "goal_proximity_weight": learned.GOAL_PROXIMITY_WEIGHT,
         "scales": layout.scales,
         "limits_ahead": [limits.forward, limits.turn],
         "limits_back": [limits.backward, limits.turn],
@@ -138,7 +138,7 @@ class OnnxNetwork:
             inputs = {value.name: value.shape[-1] for value in self._session.get_inputs()}
             if self.card.get("inputs") != inputs:
                 raise ValueError(f"inputs are {shorten(inputs)}")
-            self._layout = features.Layout.of_card(self.card)
+            self._layout = learned.Layout.of_card(self.card)
             self._inputs = inputs
             groups = groups_of(pools_of(load(EnvSettings, self.card["env"], "weights: env")))
             widths = groups[:, -1] - groups[:, 0] + 1

@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -24,14 +25,15 @@ import torch
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 from stable_baselines3.common.utils import set_random_seed
 
-from agents.evaluation.provenance import write_json
+from agents import read_data
+from agents.evaluation.provenance import provenance, write_json
 from agents.evaluation.runs import LostError, in_workers
-from agents.learning import checkpoint, curves, networks
-from agents.learning.curves import Row
-from agents.learning.features import Layout
+from agents.learning import folder as stored
+from agents.learning import networks
+from agents.learning.folder import BEST, POLICY, Row
 from agents.learning.sb3 import SB3VecEnv, flatten_observations
 from agents.learning.settings import Evaluation, Training
-from agents.learning.weights import Network, Weights, find_weights, load_weights, make_card
+from agents.learning.weights import Layout, Network, Weights, find_weights, load_weights, make_card
 from agents.learning.weights import save_weights as save
 from agents.watch import ignore
 from wheelchair_gym.base.settings import InputError, dump
@@ -43,7 +45,7 @@ from wheelchair_gym.envs.world_banks import WorldBank
 CURVE_COLUMNS = ("frames", "success", "timeout", "curriculum_time", "eval_success")
 BATCH = 8  # worlds that a process makes before it reports
 FIRST_WORLDS = 256  # that are drawn before the first frames
-POLICY, BEST = "policy.npz", "best.npz"
+PARTS: dict[str, str] = read_data("training_parts.yaml")  # of a run, and what of it they are
 LOGGED = (
     "train/loss", "train/value_loss", "train/explained_variance", "train/approx_kl", "train/std",
     "train/actor_loss", "train/critic_loss", "train/ent_coef",
@@ -118,7 +120,7 @@ class Run:
         teacher = None if name is None else load_weights(find_weights(name))
         self._teacher_digest = None if teacher is None else teacher.digest
         self._fingerprint = json.dumps([dump(config), seed, self._teacher_digest], sort_keys=True)
-        content = checkpoint.load_checkpoint(folder)
+        content = stored.load_checkpoint(folder)
         differ = [] if content is None else _differences(content["identity"], self._fingerprint)
         if differ:
             some = ", ".join(differ[:3]) + (", ..." if len(differ) > 3 else "")
@@ -149,9 +151,9 @@ class Run:
         self.sums: Counter[str] = Counter()  # over the episodes since the last checkpoint
         self.worlds.max_time = config.curriculum.initial_time
         self._curriculum_mark = [0, 0]  # episodes and successes at the last advance
-        self.best_success, self.rows = -1.0, curves.read_curve(folder)
+        self.best_success, self.rows = -1.0, stored.read_curve(folder)
         if content is not None:
-            checkpoint.load_model_state(self.model, content["model"])
+            stored.load_model_state(self.model, content["model"])
             self.best_success = content["best"]
             self.worlds.max_time = content["within"]
             self.rows = self.rows[: self.checkpoint_number]
@@ -192,7 +194,7 @@ class Run:
         self._anneal_kickstart()
 
         def callback(local: dict[str, Any], _: dict[str, Any]) -> bool:
-            curves.add_ended_episodes(self.sums, local["infos"], local["dones"])
+            stored.add_ended_episodes(self.sums, local["infos"], local["dones"])
             self._advance_curriculum()
             on_step(self.frames)
             return True
@@ -203,7 +205,7 @@ class Run:
         logged = self.model.logger.name_to_value
         learned = time.perf_counter()
         row: Row = {
-            "frames": self.frames, **curves.episode_row(self.sums),
+            "frames": self.frames, **stored.episode_row(self.sums),
             "curriculum_time": self.worlds.max_time,
             **{name.partition("/")[2]: float(logged[name]) for name in LOGGED if name in logged},
         }  # fmt: skip
@@ -284,7 +286,7 @@ class Run:
         return Weights(networks.actor_arrays(self.model, algorithm), card)
 
     def _save(self, weights: Weights) -> None:
-        curves.write_curve(self.folder, self.rows)
+        stored.write_curve(self.folder, self.rows)
         save(self.folder / POLICY, weights)
         write_json(self.folder / "card.json", weights.card)
         content = {
@@ -292,9 +294,9 @@ class Run:
             "number": self.checkpoint_number,
             "best": self.best_success,
             "within": self.worlds.max_time,
-            "model": checkpoint.model_state(self.model),
+            "model": stored.model_state(self.model),
         }
-        checkpoint.save_checkpoint(self.folder, content)
+        stored.save_checkpoint(self.folder, content)
 
     def close(self) -> None:
         """Close the environments, and free their worlds; no further ones are drawn."""
@@ -328,7 +330,7 @@ def train(
     try:
         while not run.done:
             row = run.learn(on_step)
-            curves.log_row(logger, row)
+            stored.log_row(logger, row)
             on_row(row)
     finally:
         logger.close()
@@ -382,3 +384,58 @@ def evaluate_network(
         "timeout": float((~success & ~collision).mean()),
         "time": float(times[success].mean()) if success.any() else 0.0,
     }
+
+
+def measure_parts(config: Training) -> dict[str, Any]:
+    """Train in a folder that is removed, and measure each part.
+
+    Returns:
+        `seconds` by part of PARTS, `frames`, `frames_per_second` without the part `worlds`, the
+        `device` of the networks, and the provenance.
+
+    Raises:
+        InputError: settings do not fit each other.
+    """
+    seconds: dict[str, float] = dict.fromkeys((*PARTS, "steps"), 0.0)
+
+    def timed(part: str, call: Callable[..., Any]) -> Callable[..., Any]:
+        def measured(*arguments: Any, **named: Any) -> Any:
+            began = time.perf_counter()
+            try:
+                return call(*arguments, **named)
+            finally:
+                seconds[part] += time.perf_counter() - began
+
+        return measured
+
+    with TemporaryDirectory() as folder:
+        run: Any = timed("worlds", Run)(config, 0, Path(folder))
+        try:
+            run.env.reset = timed("environments", run.env.reset)
+            run.env.step = timed("steps", run.env.step)
+            run.model.collect_rollouts = timed("actor", run.model.collect_rollouts)
+            run.model.train = timed("learning", run.model.train)
+            run._evaluate = timed("evaluation", run._evaluate)
+            run._save = timed("saving", run._save)
+            began = time.perf_counter()
+            while not run.done:
+                run.learn()
+            whole = time.perf_counter() - began
+        finally:
+            run.close()
+    seconds["environments"] += seconds["steps"]
+    seconds["actor"] -= seconds["steps"]
+    return {
+        "seconds": {part: round(seconds[part], 2) for part in PARTS}, "frames": run.frames,
+        "frames_per_second": round(run.frames / whole), "device": run.model.device.type,
+        **provenance(),
+    }  # fmt: skip
+
+
+def parts_text(found: dict[str, Any]) -> str:
+    """Return a table of what `measure_parts` returns."""
+    whole = sum(found["seconds"].values())
+    lines = [f"{part:<14}{found['seconds'][part]:>9.1f} s{found['seconds'][part] / whole:>7.0%}   "
+             f"{what}" for part, what in PARTS.items()]  # fmt: skip
+    rate = f"{found['frames_per_second']:,} frames/s without worlds"
+    return "\n".join([*lines, f"{found['frames']:,} frames, {rate}, networks on {found['device']}"])

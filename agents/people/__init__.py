@@ -2,9 +2,9 @@
 
 `make_assistant` makes an assistant: from a person's stick and the chair's sensors to the twist that
 is asked for. None knows the person's goal. What they ask for passes the shield afterwards, where
-there is one: two safe twists may blend into an unsafe one. `stick` reads the stick of a living
-person, `drive` lets them drive a chair, `replay` asks another assistant about a recorded drive, and
-`fit_driver` makes a simulated person like them. `protocol` is the plan of an experiment with
+there is one: two safe twists may blend into an unsafe one. `drive` reads the stick of a living
+person and lets them drive a chair, `recorded_stick` asks another assistant about a recorded drive,
+and `fit_driver` makes a simulated person like them. `protocol` is the plan of an experiment with
 participants, `session` runs it, `folder` keeps it, and `report` compares its conditions.
 """
 
@@ -25,9 +25,9 @@ ASSISTANTS: Final = Registry(
         "blend": "agents.people.goals:Blend",
         "hindsight": "agents.people.goals:Hindsight",
         "hypotheses": "agents.people.goals:Hypotheses",
-        "manoeuvre": "agents.people.manoeuvre:Manoeuvre",
-        "ppo_assist": "agents.people.learned:PpoAssist",
-        "residual": "agents.people.learned:Residual",
+        "manoeuvre": "agents.people.goals:Manoeuvre",
+        "ppo_assist": "agents.policies.learned:PpoAssist",
+        "residual": "agents.policies.learned:Residual",
     },
     group="wheelchair_gym.assistants",
     needs=("make", "assist"),

@@ -1,4 +1,8 @@
-"""Conditions compared within participants, and groups between them: tables and a page."""
+"""Report of an experiment: tables for other programs, and conditions and groups that are compared.
+
+The tables are long, wide, attempts, and their dictionary. Conditions are compared within
+participants, groups between them.
+"""
 
 from __future__ import annotations
 
@@ -6,29 +10,126 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import scipy  # which loads scipy.stats when it is used
 
+from agents import read_data
+from agents.evaluation import statistics
 from agents.evaluation.assisted import MEASURES
+from agents.evaluation.compare import COLUMN_OF, LEVEL
 from agents.evaluation.metrics import Record
 from agents.evaluation.plots import paired
-from agents.evaluation.provenance import provenance
-from agents.evaluation.report import COLUMN_OF, LEVEL
-from agents.evaluation.statistics import (
-    effect_size,
-    estimate,
-    holm,
-    mann_whitney_p,
-    median_interval,
-    wilcoxon_p,
-)
-from agents.evaluation.tables import Table, columns_of, make_table, write_page
-from agents.people.export import TOTAL, export
-from agents.people.folder import DATA, PAGE
+from agents.evaluation.provenance import provenance, write_text
+from agents.evaluation.tables import Column, Table, columns_of, csv_table, make_table, write_page
+from agents.people.folder import ATTEMPTS, DATA, DICTIONARY, PAGE, WIDE
 from agents.people.protocol import NASA_TLX, Protocol
-from agents.people.session import State, read_folder
+from agents.people.session import Progress, State, read_folder
 from wheelchair_gym.base.settings import InputError
+
+TOTAL = "total"  # of NASA-TLX: the mean of its scales
+_DEFINED = read_data("tables.yaml")["participants"]  # by table: column: unit and definition
+COLUMNS = tuple(_DEFINED["long"])
+
+
+def measures_of(protocol: Protocol, source: str) -> dict[str, Column]:
+    """Return the measures of `drive` or of a questionnaire, by their keys in the records."""
+    if source == "drive":
+        return COLUMN_OF
+    tlx = source == NASA_TLX
+    found = {
+        item.name: Column(
+            item.name, item.name if tlx else item.text,
+            meaning=f"{item.values[0]}: {item.low.removeprefix('tlx_')}, "
+            f"{item.values[-1]}: {item.high.removeprefix('tlx_')}",
+        )
+        for item in protocol.items(source)
+    }  # fmt: skip
+    return found | ({TOTAL: Column(TOTAL, TOTAL, meaning="mean of the six scales")} if tlx else {})
+
+
+def tidy(people: Sequence[Progress]) -> list[Record]:
+    """Return a row for each measure of each step that counts: long form, columns `COLUMNS`."""
+    rows = []
+    for one in people:
+        for record in one.done.values():
+            if record.get("practice") or not (values := _numbers(record)):
+                continue
+            source = record["questionnaire"] or "drive"
+            tried = [other for other in one.attempts if other["key"] == record["key"]]
+            same = {key: record.get(key) for key in COLUMNS} | {
+                "participant": one.participant,
+                "group": one.protocol.group_of(one.participant).name,
+                "attempts": len(tried) or None, "source": source,
+            }  # fmt: skip
+            for key, column in measures_of(one.protocol, source).items():
+                if isinstance(values.get(key), bool | int | float):
+                    rows.append(same | {"measure": column.name, "unit": column.unit,
+                                        "value": column.factor * values[key]})  # fmt: skip
+    return rows
+
+
+def _numbers(record: Record) -> Record:
+    """The numbers of a finished step, and the mean of the scales of a NASA-TLX."""
+    values: Record = record.get("figures") or record.get("answers") or {}
+    if record.get("questionnaire") == NASA_TLX:
+        return values | {TOTAL: float(np.mean(list(values.values())))}
+    return values
+
+
+def wide(people: Sequence[Progress], rows: Sequence[Record]) -> list[Record]:
+    """Return a row for each participant: a column for each condition, task and measure."""
+    found = []
+    for one in people:
+        who = one.participant
+        order = " > ".join(condition.name for condition in one.protocol.conditions_of(who))
+        values = {heading(row): row["value"] for row in rows if row["participant"] == who}
+        found.append({"participant": who, "order": order, "state": one.state.value} | values)
+    return found
+
+
+def heading(row: Record) -> str:
+    """Return the name of the column of a row of the long form in the wide form."""
+    parts = (row["condition"], row["task"], row["source"], row["measure"])
+    unit = f" [{row['unit']}]" if row["unit"] else ""
+    return ": ".join(str(part) for part in parts if part and part != "drive") + unit
+
+
+def export(folder: Path, protocol: Protocol, people: Sequence[Progress], bom: bool) -> list[Record]:
+    """Write the tables of an experiment into its folder, and return the rows of the long form.
+
+    Args:
+        folder: of the experiment.
+        protocol: the experiment.
+        people: its participants.
+        bom: begin each file with a byte-order mark, by which some programs recognize UTF-8.
+
+    Raises:
+        InputError: a file cannot be written.
+    """
+    rows = tidy(people)
+    attempts: list[Any] = [
+        {"participant": one.participant} | attempt for one in people for attempt in one.attempts
+    ]
+    defined = [
+        {"table": table, "name": name} | row
+        for table, columns in _DEFINED.items() for name, row in columns.items()
+    ]  # fmt: skip
+    for source in dict.fromkeys(row["source"] for row in rows):
+        present = {row["measure"] for row in rows if row["source"] == source}
+        for column in measures_of(protocol, source).values():
+            if column.name in present:
+                defined.append({"table": source, "name": column.name, "unit": column.unit,
+                                "definition": column.meaning})  # fmt: skip
+    tables = {
+        DATA: (rows, COLUMNS), WIDE: (wide(people, rows), ()),
+        ATTEMPTS: (attempts, tuple(_DEFINED["attempts"])), DICTIONARY: (defined, ()),
+    }  # fmt: skip
+    for name, (content, columns) in tables.items():
+        write_text(folder / name, "\ufeff" * bom + csv_table(content, columns))
+    return rows
+
 
 # Keys of the measures of drives in the tables, in order.
 DRIVE_MEASURES = (
@@ -78,10 +179,11 @@ def _within(ours: Values, others: Values) -> Record:
     off = np.array(list(_means_of(both).values()))
     if not len(off):
         return {}
-    median, low, high = median_interval(off)
+    median, low, high = statistics.median_interval(off)
     return {
-        "participants": len(off), "median": median, "low": low, "high": high, **effect_size(off),
-        "p": wilcoxon_p(off), "min_p": 2.0 ** (1 - len(off)), "test": f"{len(off)}, Wilcoxon's",
+        "participants": len(off), "median": median, "low": low, "high": high,
+        **statistics.effect_size(off), "p": statistics.wilcoxon_p(off),
+        "min_p": 2.0 ** (1 - len(off)), "test": f"{len(off)}, Wilcoxon's",
     }  # fmt: skip
 
 
@@ -90,10 +192,11 @@ def _between(ours: Values, others: Values) -> Record:
     x, y = (np.array(list(_means_of(of).values())) for of in (ours, others))
     if not len(x) or not len(y):
         return {}
-    low, high = estimate([{"": y}, {"": x}], [1.0, -1.0]).interval
+    low, high = statistics.estimate([{"": y}, {"": x}], [1.0, -1.0]).interval
     return {
         "participants": len(x) + len(y), "difference": float(y.mean() - x.mean()), "low": low,
-        "high": high, "p": mann_whitney_p(y, x), "min_p": 2.0 / math.comb(len(x) + len(y), len(x)),
+        "high": high, "p": statistics.mann_whitney_p(y, x),
+        "min_p": 2.0 / math.comb(len(x) + len(y), len(x)),
         "test": f"{len(x)} and {len(y)}, Mann and Whitney's",
     }  # fmt: skip
 
@@ -115,7 +218,7 @@ def _compared(
         pairs = itertools.combinations(names, 2)
         group = [{"measure": title, "pair": f"{b} - {a}", **found}
                  for a, b in pairs if (found := compare(values[a], values[b]))]  # fmt: skip
-        adjusted = holm([float(row["p"]) for row in group])
+        adjusted = statistics.holm([float(row["p"]) for row in group])
         tests.append([row | {"p_holm": p} for row, p in zip(group, adjusted, strict=True)])
     return means, tests
 
@@ -182,7 +285,7 @@ def _periods(rows: Sequence[Record], title: str) -> list[Record]:
         "measure": title, "participants": len(each), "first": float(each[:, 0].mean()),
         "last": float(each[:, -1].mean()),
         "p_period": float(scipy.stats.friedmanchisquare(*each.T).pvalue) if many
-        else wilcoxon_p(each[:, -1] - each[:, 0]),
+        else statistics.wilcoxon_p(each[:, -1] - each[:, 0]),
         "orders": len(samples),
         "p_order": math.nan if len(samples) < 2 or not np.ptp(each.mean(axis=1))
         else float(scipy.stats.kruskal(*samples).pvalue),

@@ -19,8 +19,8 @@ from typing import Any, Final
 
 from agents.evaluation.provenance import commit, now
 from agents.evaluation.tables import exists
-from agents.people.chain import Chain, Record, read_chain
-from agents.people.folder import STEPS, claim, current_protocol, folder_of
+from agents.people import folder as stored
+from agents.people.folder import Record
 from agents.people.protocol import Protocol, Step
 from wheelchair_gym.base.errors import shorten
 from wheelchair_gym.base.settings import InputError
@@ -134,8 +134,8 @@ def progress_of(folder: Path, protocol: Protocol, participant: int) -> Progress:
     Raises:
         InputError: the number is none or was deleted, or the records are damaged.
     """
-    path = folder_of(folder, participant) / STEPS
-    records = read_chain(path)[0] if path.exists() else []
+    path = stored.folder_of(folder, participant) / stored.STEPS
+    records = stored.read_chain(path)[0] if path.exists() else []
     return Progress(protocol, participant, records)
 
 
@@ -146,8 +146,8 @@ def read_folder(folder: str | Path) -> tuple[Protocol, list[Progress]]:
         InputError: it is no folder of an experiment, or a file in it is damaged.
     """
     folder = Path(folder)
-    protocol = current_protocol(folder)
-    stores = sorted(folder.glob(f"participant_{4 * '[0-9]'}/{STEPS}"))
+    protocol = stored.current_protocol(folder)
+    stores = sorted(folder.glob(f"participant_{4 * '[0-9]'}/{stored.STEPS}"))
     people = [progress_of(folder, protocol, int(path.parent.name[-4:])) for path in stores]
     return protocol, [one for one in people if one.last]
 
@@ -166,9 +166,9 @@ class Session:
     """
 
     def __init__(self, folder: str | Path, protocol: Protocol, participant: int) -> None:
-        digest = claim(Path(folder), protocol)
+        digest = stored.claim(Path(folder), protocol)
         self.protocol, self.participant = protocol, participant
-        self.folder = folder_of(Path(folder), participant)
+        self.folder = stored.folder_of(Path(folder), participant)
         self._unsaved: dict[str, Any] = {}
         self._opening = {
             "participant": participant, "group": protocol.group_of(participant).name,
@@ -176,7 +176,7 @@ class Session:
             "seed": protocol.seed, "version": version("wheelchair_gym"), "commit": _commit(),
         }  # fmt: skip
         self._lock = threading.RLock()  # the experimenter's remarks come from another thread
-        self._chain = Chain(self.folder / STEPS)
+        self._chain = stored.Chain(self.folder / stored.STEPS)
         try:
             self.progress = Progress(protocol, participant, self._chain.read())
             if self.progress.last:

@@ -24,9 +24,9 @@ DRIVING: Final[dict[str, dict[str, Any]]] = read_data("driving.yaml")  # setting
 POLICIES: Final = Registry(
     "policy",
     {
-        "assisted": "agents.policies.assisted:Assisted",
+        "assisted": "agents.policies.delegated:Assisted",
         "explore": "agents.policies.explore:Explore",
-        "isolated": "agents.policies.isolated:Isolated",
+        "isolated": "agents.policies.delegated:Isolated",
         "learned": "agents.policies.learned:Learned",
         "manual": "agents.policies.scripted:Manual",
         "planned": "agents.policies.planned:Planned",

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.control.unknown_space import with_free_footprint
+from agents.control.local_map import with_free_footprint
 from agents.policies.planned import Planned, PlannedDriver
 from agents.policies.search import Answer, Search
 from wheelchair_gym.base.arrays import Array

@@ -1,6 +1,10 @@
-"""Learned policies: a trained network drives wherever a chair has readings, a map and a goal.
+"""Learned policies and assistants: a trained network drives, or changes what an assistant gives.
 
-What a network observes is made as in training, and it acts as often (`Trained`).
+What a network observes is made as in training, and it acts as often (`Trained`). A learned policy
+drives wherever a chair has readings, a map and a goal. A learned assistant observes the stick, its
+history and the chair's sensors. What it adds to the twist of a compiled assistant, its base, is a
+residual (Johannink et al. 2019; for shared control Schaff and Walter 2020), kept within the base's
+freedom: it cannot move a chair whose stick is centred.
 """
 
 from __future__ import annotations
@@ -15,19 +19,23 @@ from typing import Any
 
 import numpy as np
 
-from agents.control.unknown_space import MAP_MARGIN
-from agents.learning.features import Layout
-from agents.learning.weights import SHIPPED_ASSISTANTS, Network, find_weights, load_weights
+from agents.control.local_map import MAP_MARGIN
+from agents.learning.weights import SHIPPED_ASSISTANTS, Layout, Network, find_weights, load_weights
+from agents.people.assistant import AssistMission, Freedom
 from agents.policies import file_of
 from wheelchair_gym.base.arrays import Array, Floats
 from wheelchair_gym.base.files import modified, read_bytes
 from wheelchair_gym.base.settings import InputError, dump, load, setting, settings
 from wheelchair_gym.envs.guidance import make_guidance
 from wheelchair_gym.envs.settings import EnvSettings
+from wheelchair_gym.maps import OccupancyGrid
+from wheelchair_gym.people.assistance import make_compiled
+from wheelchair_gym.people.assistance.step import Assistants
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.task import task as tasks
 from wheelchair_gym.task.prepared_episode import PreparedEpisode
-from wheelchair_gym.types import Command, Episode, Mission, Reading, Shown
+from wheelchair_gym.task.task import Task
+from wheelchair_gym.types import Command, Episode, Mission, Reading, Shown, Stick
 
 UPDATE_PERIOD = 1.0  # s between two updates from a map that grows
 SLACK = 4.0  # s: until then the chair may have strayed so far from the path
@@ -275,3 +283,72 @@ class LearnedDriver(Trained):
         elif stayed > self._patience:
             return Command(np.array([-BACK, 0.0]), self._command.shown)
         return self._command
+
+
+@settings
+class Residual:
+    """Adds to what `shared_dwa` makes of the stick."""
+
+    weights: str = setting(default="residual")
+    """Name of weights that come with the package, or a file of them."""
+
+    def __post_init__(self) -> None:
+        find_weights(self.weights)  # which refuses what is unknown
+
+    def make(self) -> LearnedAssistant:
+        """A fresh assistant.
+
+        Raises:
+            InputError: there are no such weights, they are incomplete, or a policy's.
+        """
+        path = find_weights(self.weights)
+        made = LearnedAssistant(*read_network(path))
+        if not made.layout.is_assistant or made.env.assistant is None:
+            raise InputError(f"{path}: expected an assistant's weights (train with env.assistant)")
+        return made
+
+
+@settings
+class PpoAssist(Residual):
+    """Adds to the stick itself."""
+
+    weights: str = setting(default="ppo_assist")
+    """Name of weights that come with the package, or a file of them."""
+
+
+class LearnedAssistant(Trained):
+    """A compiled assistant and, as often as in training, what a network adds to its twist."""
+
+    @property
+    def freedom(self) -> Freedom:
+        """Its freedom: that of its base."""
+        freedom: Freedom = make_compiled(self.env.assistant).freedom
+        return freedom
+
+    def reset(self, mission: AssistMission) -> None:
+        """See `Assistant.reset`."""
+        period = self.begin_episode(mission.sensors, mission.period)
+        self._base = Assistants(
+            make_compiled(self.env.assistant), mission.chair, mission.sensors, mission.period
+        )
+        self._base.begin()
+        settings = dataclasses.replace(self.env.task, privileged=False, aim="goal")
+        self.observe_by(Task(settings, mission.chair, mission.sensors, period, has_driver=True))
+        self._began = False
+
+    def assist(self, stick: Stick, reading: Reading, map: OccupancyGrid | None) -> Array:
+        """See `Assistant.assist`; the map is not looked at."""
+        if not self._began:
+            self._begin(reading)
+        self._base.update(stick, reading)
+        if self.is_due(reading):
+            self.task.take_stick(stick, reading.pose, reading.twist)
+            a_v, a_w = self.action(reading).tolist()
+            self._residual = a_v, a_w
+        return self._base.twist(self._residual)
+
+    def _begin(self, reading: Reading) -> None:
+        """Begin with the first reading; no goal is known, and nothing of it is observed."""
+        nowhere = Episode(OccupancyGrid(np.zeros((1, 1), np.int8), 1.0), np.zeros(3), np.zeros(3))
+        self.task.begin(self.task.prepare(nowhere), reading, 0, True)
+        self._began = True

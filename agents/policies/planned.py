@@ -26,8 +26,8 @@ import numpy as np
 
 from agents.control import make_follower
 from agents.control.followers import Situation
+from agents.control.local_map import MAP_MARGIN, blind_behind
 from agents.control.rollout import ChairState, ReferencePath
-from agents.control.unknown_space import MAP_MARGIN, blind_behind
 from agents.policies import Policy, recoveries
 from agents.policies.planning import Planning, Thinking
 from agents.policies.scripted import episode_rng

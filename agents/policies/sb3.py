@@ -22,7 +22,7 @@ import gymnasium as gym
 import numpy as np
 
 from agents import read_data
-from agents.learning.features import Layout
+from agents.learning.weights import Layout
 from agents.policies.learned import LearnedDriver
 from wheelchair_gym.base.arrays import Floats
 from wheelchair_gym.base.files import LIMITS, opened, parse_json

@@ -12,15 +12,15 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.control.followers import CREEP
-from agents.control.local_map import LocalMap
-from agents.control.rollout import ReferencePath
-from agents.control.unknown_space import (
+from agents.control.local_map import (
     MAP_MARGIN,
     FloorMemory,
+    LocalMap,
     assumed_maps,
     blind_behind,
     walls_block,
 )
+from agents.control.rollout import ReferencePath
 from agents.evaluation.metrics import backing
 from agents.policies.recoveries import place_aside
 from planners import Planner

@@ -13,6 +13,7 @@ from wheelchair_gym.base.files import read_json
 from wheelchair_gym.base.settings import InputError
 
 PAGE = Path(__file__).with_name("page")
+UPLOADS = "uploads"  # folder of maps that pages have sent
 
 
 def page_texts() -> dict[str, Any]:

@@ -1,7 +1,8 @@
 """Messages of the page: what it may send, and `Outbox`, the queue of messages to the page.
 
-The page sends JSON objects with a `type`. Each session class lists the types that it accepts, and
-their fields, in `fields`; a message that does not fit is refused with one sentence that says why.
+The page sends JSON objects with a `type`. The types that each session accepts, and their fields,
+stand in agents/data/messages.yaml; a message that does not fit is refused with one sentence that
+says why.
 """
 
 from __future__ import annotations
@@ -14,10 +15,12 @@ import queue
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
+from agents import read_data
 from agents.studio import PageError
 from wheelchair_gym.base.errors import shorten
 from wheelchair_gym.base.files import parse_json
@@ -119,6 +122,30 @@ def entry(table: Mapping[str, Entry], name: str, where: str) -> Entry:
 
 
 Fields = Mapping[str, Mapping[str, Field]]
+_KINDS: Mapping[str, Any] = {
+    "flag": FLAG, "point": POINT, "text": text, "number": number, "points": points, "names": names,
+    "whole": partial(number, whole=True), "whole_numbers": whole_numbers, "one_of": one_of,
+}  # fmt: skip
+
+
+def fields_of(page: str, **known: Any) -> Fields:
+    """Read what each type of message of a page holds, from agents/data/messages.yaml.
+
+    Args:
+        page: its name.
+        known: texts that a field may have, or a bound of it, by their name in the file.
+    """
+
+    def field(kind: Any) -> Field:
+        name, *bounds = [kind] if isinstance(kind, str) else kind
+        if name in known:
+            return one_of(known[name])
+        made: Any = _KINDS[name]
+        given = (known.get(one, one) if isinstance(one, str) else one for one in bounds)
+        return made if name in ("flag", "point") else made(*given)  # type: ignore[no-any-return]
+
+    types = read_data("messages.yaml")[page].items()
+    return {kind: {name: field(of) for name, of in fields.items()} for kind, fields in types}
 
 
 def read_message(text: str, fields: Fields) -> Message:

@@ -18,8 +18,8 @@ from agents.people.session import ABORTED, CUT_OFF, GIVEN_UP, OVER, Session, Sta
 from agents.studio.catalogue import NO_HAND, NO_SIGHT, Place
 from agents.studio.drive import Drive, Order
 from agents.studio.experimenter import Desk
-from agents.studio.messages import FLAG, Fields, Message, Outbox, number, one_of, whole_numbers
-from agents.studio.session import FIELDS, DriveSession
+from agents.studio.messages import Message, Outbox, fields_of, one_of
+from agents.studio.session import DriveSession
 from wheelchair_gym.base.settings import InputError, dump
 from wheelchair_gym.people.drivers.settings import Hand, Perception
 from wheelchair_gym.safety.stops import active_stops
@@ -28,16 +28,6 @@ from wheelchair_gym.types import Stick
 RATE: Final = 20  # Hz, of control and of pictures
 # The time limits of `wheelchair compare --driver`: people who drive by switches are slow.
 PATIENCE: Final = {"task": {"time_base": 60.0, "time_factor": 10.0}}
-_ITEMS = 100  # of a questionnaire, at most
-
-_STEP = {"step": number(1, 10_000, whole=True)}  # that a message is about: sent again, it is known
-STUDY_FIELDS: Final[Fields] = {
-    **{kind: FIELDS[kind] for kind in ("stick", "press", "stop", "pause")},
-    "device": {"name": one_of(DEVICES), "scan_period": number(MIN_SCAN, 10.0)},
-    "participant": {"number": number(1, LARGEST, whole=True), "resume": FLAG},
-    "consent": _STEP, "begin": {}, "answer": {"values": whole_numbers(_ITEMS), **_STEP},
-    "withdraw": {},
-}  # fmt: skip
 
 
 class MeasuredDrive(Drive):
@@ -96,7 +86,7 @@ class StudySession(DriveSession):
         ready: set once a first drive is compiled.
     """
 
-    fields = STUDY_FIELDS
+    fields = fields_of("study", device=DEVICES, min_scan=MIN_SCAN, largest=LARGEST)
 
     def __init__(self, desk: Desk | None, outbox: Outbox, ready: threading.Event) -> None:
         self._desk = desk

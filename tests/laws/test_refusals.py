@@ -8,7 +8,8 @@ import pytest
 import yaml
 
 from agents.evaluation.tuning import read_range
-from agents.learning.settings import Training
+from agents.learning.settings import Training, read_training
+from agents.people.protocol import Protocol
 from agents.policies import make_policy
 from planners.problem_files import read_problems
 from planners.rrt_star_woa import thesis
@@ -20,10 +21,11 @@ from tests.planners.test_problems import GOOD
 from tests.planners.test_thesis import FIGURE
 from tests.scenes.test_scenes import WORLDS
 from wheelchair_gym import maps
-from wheelchair_gym.base.settings import InputError, load
+from wheelchair_gym.base.settings import InputError, load, read_json
 from wheelchair_gym.envs import EnvSettings, NavigationVectorEnv
 from wheelchair_gym.geometry.kinematics import Limits
 from wheelchair_gym.maps.cost_to_go import CostToGoSettings
+from wheelchair_gym.maps.io.floor_plan import read_floor_plan_image
 from wheelchair_gym.people.assistance import make_compiled
 from wheelchair_gym.people.drivers import make_driver
 from wheelchair_gym.safety import Shield
@@ -33,6 +35,7 @@ from wheelchair_gym.sim.settings import ChairSettings
 
 REFUSALS = yaml.safe_load((ROOT / "tests" / "laws" / "refusals.yaml").read_text())
 SETTINGS = ChairSettings, CostToGoSettings, EnvSettings, Limits, SensorSettings, Training
+PROTOCOL = read_json(ROOT / "examples" / "participants.json")
 CLASSES = {cls.__name__: cls for cls in SETTINGS}
 
 
@@ -52,6 +55,11 @@ def sample_barn(file):
     return sample({"name": "barn", "path": str(file)})
 
 
+def sample_image(file, content):
+    file.write_bytes(content)
+    return read_floor_plan_image(file, 0.1)
+
+
 # Each makes something of a value; files are written to a folder.
 MAKERS = {
     "policy": lambda value, _: make_policy(value),
@@ -66,6 +74,9 @@ MAKERS = {
     "shield": lambda value, _: Shield(
         chair=load(ChairSettings, value[0], "chair"), period=value[1]
     ),
+    "protocol": lambda value, _: load(Protocol, PROTOCOL | value, "protocol.json"),
+    "training": lambda value, _: read_training(value, "x.json", "ppo"),
+    "image": lambda value, folder: sample_image(folder / "a.pgm", value.encode("latin-1")),
     "range": lambda value, _: read_range(value),
     "map": lambda value, folder: maps.read_map(test_files.put(folder, **value)),
     "octile": lambda value, folder: maps.read_moving_ai_map(

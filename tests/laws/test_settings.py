@@ -10,9 +10,9 @@ from agents.control import FOLLOWERS
 from planners import PLANNERS, Problem, Space
 from planners.registries import OBJECTIVES, OPTIMIZERS
 from planners.rrt_star_woa.woa import WhaleMoves
-from tests.agents.control.test_tight_places import PATH as TIGHT_PATH
-from tests.agents.control.test_tight_places import ROOM as TIGHT_ROOM
-from tests.agents.control.test_tight_places import driven, manoeuvre
+from tests.agents.control.test_followers import PATH as TIGHT_PATH
+from tests.agents.control.test_followers import ROOM as TIGHT_ROOM
+from tests.agents.control.test_followers import driven, manoeuvre
 from tests.agents.fakes import corridor
 from wheelchair_gym.base.settings import InputError, dump, load, with_values
 

@@ -90,24 +90,6 @@ def test_the_same_picture_gives_the_same_cells(tmp_path, levels, negate, mode):
         np.testing.assert_array_equal(plan[1:-1, 1:-1], inner[1:-1, 1:-1], err_msg=name)
 
 
-@pytest.mark.parametrize(
-    ("content", "says"),
-    [
-        (b"P5\n2 1\n100\n\x00\x65", "a sample is 101; expected 0 to 100, its maxval"),
-        (b"P2\n2 1\n9\n3 -1\n", "a sample is -1; expected 0 to 9, its maxval"),
-        *((content, "not an image") for content in (
-            b"", b"hello", b"\x89PNG\r\n\x1a\nrubbish", b"P5\n", b"P5\n4 4\n255\nab",
-            b"P5\n-3 2\n255\n", b"P2\n2 1\n9\n3\n", b"P2\n2 1\n9\n3 x\n", b"P4\n9 1\n\x00",
-            b"P5\n2 1\n0\n\x00\x00", b"P5\n2 1\n65536\n\x00\x00\x00\x00", b"P6\n1 1\n256\n\0\0\0",
-        )),
-    ],
-)  # fmt: skip
-def test_a_corrupt_image_is_refused(tmp_path, content, says):
-    (tmp_path / "a.pgm").write_bytes(content)
-    with pytest.raises(InputError, match=rf"a\.pgm: {says}"):
-        read_floor_plan_image(tmp_path / "a.pgm", 0.1)
-
-
 def test_a_transparent_grey_that_cannot_be_decoded_is_refused(tmp_path):
     Image.new("L", (4, 4), 200).save(tmp_path / "a.png", transparency=200)
     with pytest.raises(InputError, match=r"a\.png: its transparency cannot be decoded"):

@@ -49,7 +49,7 @@ def counts(plan):
     return {name: count for name, count in plan.counters.items() if not name.endswith("_s")}
 
 
-# That one counts the iterations of three stages: tests/planners/test_pose_tree.py.
+# That one counts the iterations of three stages: tests/planners/test_trees.py.
 @pytest.mark.parametrize("name", sorted(set(UNLIMITED) - {"se2_rrt_star_woa"}))
 def test_iterations_replay_a_plan_made_under_a_deadline(name, clock):
     plan = UNLIMITED[name].plan(among_blocks(), np.random.default_rng(1), DEADLINE)

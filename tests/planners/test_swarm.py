@@ -10,14 +10,7 @@ from planners import OPTIMIZERS, Problem, Space, Status, make_planner
 from planners.judge import Judge
 from planners.registries import OBJECTIVES
 from planners.smoothing.curves import CURVES
-from planners.swarm.optimizers import (
-    competitor,
-    move_swarm,
-    move_wolves,
-    new_swarm,
-    next_inertia,
-    store,
-)
+from planners.swarm import optimizers
 from planners.swarm.path_cost import evaluate, new_workspace
 from planners.swarm.planner import RrtWoa, SwarmPlanner
 from planners.swarm.search import new_search, run, sample_along
@@ -39,18 +32,18 @@ def bowl(positions):
 def store_and_move(swarm, moves, progress, state):
     """Store the positions that are better than remembered ones, and move the swarm."""
     for i in range(swarm.positions.shape[0]):
-        j = competitor(swarm, i)
+        j = optimizers.competitor(swarm, i)
         if swarm.costs[i] < swarm.personal_best_costs[j]:
-            store(swarm, i, j)
+            optimizers.store(swarm, i, j)
         else:
             swarm.trials[j] += 1
-    move_swarm(swarm, moves, progress, state)
+    optimizers.move_swarm(swarm, moves, progress, state)
 
 
 @pytest.mark.parametrize("name", OPTIMIZERS)
 def test_optimisers_find_the_minimum_of_a_bowl_within_bounds(name):
     moves, rng = OPTIMIZERS.make(name).parameters, np.random.default_rng(3)
-    swarm = new_swarm(rng.uniform(-5, 5, (30, D)), -5.0, 5.0)
+    swarm = optimizers.new_swarm(rng.uniform(-5, 5, (30, D)), -5.0, 5.0)
     begun, minimum, state = bowl(swarm.positions).min(), np.inf, stream(rng)
     for t in range(200):
         swarm.costs[:] = bowl(swarm.positions)
@@ -68,7 +61,7 @@ def test_the_compiled_loop_is_ask_and_tell(name):
     planner = SwarmPlanner(population=12, way_points=3, first="line", optimizer=name)
     start = planner.start(among_blocks(), None, np.random.default_rng(2))
     worth, moves = OBJECTIVES.make("length_free").path_cost, OPTIMIZERS.make(name).parameters
-    search, asked = new_search(start, worth, moves), new_swarm(*start[1:])
+    search, asked = new_search(start, worth, moves), optimizers.new_swarm(*start[1:])
     run(search, 15, 20, stream(np.random.default_rng(4)))
     state, room = stream(np.random.default_rng(4)), new_workspace(start.path_problem)
     for t in range(16):
@@ -80,37 +73,41 @@ def test_the_compiled_loop_is_ask_and_tell(name):
 
 
 def test_inertia_follows_its_equations():
-    swarm = new_swarm(np.zeros((4, D)), -1.0, 1.0)
+    swarm = optimizers.new_swarm(np.zeros((4, D)), -1.0, 1.0)
     flight = OPTIMIZERS.make("pso_chaotic").parameters
     beta = 0.3
     for k in range(5):
         beta = 4.0 * beta * (1.0 - beta)
-        assert next_inertia(swarm, flight, k / 10) == pytest.approx((0.9 - 0.6 * k / 10) * beta)
+        assert optimizers.next_inertia(swarm, flight, k / 10) == pytest.approx(
+            (0.9 - 0.6 * k / 10) * beta
+        )
         swarm.record["move_count"] += 1
-    assert next_inertia(swarm, OPTIMIZERS.make("pso").parameters, 0.0) == pytest.approx(0.98**5)
+    assert optimizers.next_inertia(swarm, OPTIMIZERS.make("pso").parameters, 0.0) == pytest.approx(
+        0.98**5
+    )
     flight = OPTIMIZERS.make("pso_variable").parameters
     for p in (0.0, 0.5, 1.0):
-        assert next_inertia(swarm, flight, p) == pytest.approx(0.9 * (0.4 / 0.9) ** p)
+        assert optimizers.next_inertia(swarm, flight, p) == pytest.approx(0.9 * (0.4 / 0.9) ** p)
     flight = OPTIMIZERS.make("pso_adaptive").parameters
     swarm.record["previous_best_cost"], swarm.best_cost[:] = 8.0, 6.0
-    assert next_inertia(swarm, flight, 0.2) == pytest.approx(1.3 * 0.75 - 0.9 * 0.2)
-    assert next_inertia(swarm, flight, 0.2) == pytest.approx(1.3 - 0.9 * 0.2)
+    assert optimizers.next_inertia(swarm, flight, 0.2) == pytest.approx(1.3 * 0.75 - 0.9 * 0.2)
+    assert optimizers.next_inertia(swarm, flight, 0.2) == pytest.approx(1.3 - 0.9 * 0.2)
 
 
 def test_wolves_gather_between_their_leaders_once_a_is_zero():
-    swarm = new_swarm(np.random.default_rng(0).normal(size=(9, D)), -9.0, 9.0)
+    swarm = optimizers.new_swarm(np.random.default_rng(0).normal(size=(9, D)), -9.0, 9.0)
     swarm.personal_best_costs[:] = np.random.default_rng(1).permutation(9)
-    move_wolves(swarm, 0.0, False, stream(np.random.default_rng(0)))
+    optimizers.move_wolves(swarm, 0.0, False, stream(np.random.default_rng(0)))
     middle = swarm.personal_best[np.argsort(swarm.personal_best_costs)[:3]].mean(axis=0)
     np.testing.assert_allclose(swarm.positions, np.tile(middle, (9, 1)))
 
 
 def test_listed_wolves_follow_the_three_best_current_ones_which_stay():
-    swarm = new_swarm(np.random.default_rng(0).normal(size=(9, D)), -9.0, 9.0)
+    swarm = optimizers.new_swarm(np.random.default_rng(0).normal(size=(9, D)), -9.0, 9.0)
     swarm.costs[:] = np.random.default_rng(1).permutation(9)
     swarm.personal_best[:] = 5.0  # what they remember does not count
     before, order = swarm.positions.copy(), np.argsort(swarm.costs)
-    move_wolves(swarm, 0.0, True, stream(np.random.default_rng(0)))
+    optimizers.move_wolves(swarm, 0.0, True, stream(np.random.default_rng(0)))
     np.testing.assert_array_equal(swarm.positions[order[:3]], before[order[:3]])
     middle = before[order[:3]].mean(axis=0)
     np.testing.assert_allclose(swarm.positions[order[3:]], np.tile(middle, (6, 1)))

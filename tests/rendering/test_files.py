@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from agents.evaluation.report import webp
+from agents.evaluation.compare import webp
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.rendering import Window, write_png, write_video
 

@@ -13,19 +13,8 @@ from agents.evaluation.compare import suite
 from agents.evaluation.evaluate import without_labels
 from tests.conftest import long_but
 from wheelchair_gym import maps
-from wheelchair_gym.actors.records import (
-    BEHAVIOURS,
-    DOOR,
-    FURNITURE,
-    NOBODY,
-    OBSTACLE,
-    PERSON,
-    REACTIONS,
-    actor_outline,
-    actor_shapes,
-    door,
-    leaf_line,
-)
+from wheelchair_gym.actors import records
+from wheelchair_gym.actors.records import door
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.geometry.outline import footprint_clearance
 from wheelchair_gym.geometry.planar import path_length, point_segment_distance
@@ -62,22 +51,22 @@ def test_a_crowd_begins_apart_from_the_chair_and_from_everything():
     doors = people = 0
     for episode in drawn(leaf_share=0.7, name="crowd", furniture_density=0.03):
         rows = episode.actors.rows
-        discs, _ = actor_shapes(episode.actors, rows["pose"])
+        discs, _ = records.actor_shapes(episode.actors, rows["pose"])
         round_ones = rows[rows["size"][:, 1] == 0.0]
         assert len(discs) == len(round_ones)
         for k, (x, y, radius) in enumerate(discs):
             gaps = np.hypot(discs[:, 0] - x, discs[:, 1] - y) - discs[:, 2] - radius
             assert np.delete(gaps, k).min(initial=1.0) > 0.0
             assert min(point_segment_distance(x, y, *wall) for wall in episode.walls) > radius
-        for row in rows[rows["kind"] == PERSON]:
+        for row in rows[rows["kind"] == records.PERSON]:
             assert math.dist(row["pose"][:2], episode.start[:2]) >= 2.0
-        for row in rows[rows["kind"] == FURNITURE]:
-            corners = actor_outline(row, *row["pose"])
+        for row in rows[rows["kind"] == records.FURNITURE]:
+            corners = records.actor_outline(row, *row["pose"])
             gap = episode.map.distance()[tuple(episode.map.to_cell(corners).T)]
             assert gap.min() > 2 * FOOTPRINT.half_width - 0.2  # the chair gets past
             assert math.dist(row["pose"][:2], episode.goal[:2]) >= 1.1  # and to its goal
-        doors += (rows["kind"] == DOOR).sum()
-        people += (rows["kind"] == PERSON).sum()
+        doors += (rows["kind"] == records.DOOR).sum()
+        people += (rows["kind"] == records.PERSON).sum()
     assert doors >= 5
     assert people >= 20
 
@@ -86,7 +75,7 @@ def test_people_walk_ways_that_keep_off_walls():
     for episode in drawn(name="crowd", people={"crossing_share": 0.3}):
         rows = episode.actors.rows
         free = episode.map.distance()
-        for k in np.flatnonzero(rows["kind"] == PERSON):
+        for k in np.flatnonzero(rows["kind"] == records.PERSON):
             route = episode.actors.route(int(k))
             assert path_length(route) >= 3.0 - 0.2
             ways = [
@@ -105,8 +94,8 @@ def test_leaves_shut_their_doorways_and_open_them_fully():
     scene = make_scene({"name": "crowd", "place": "building", "leaf_share": 1.0})
     for seed in range(8):
         layout, episode = scene.sample_building(np.random.default_rng(seed))
-        for row in episode.actors.rows[episode.actors.rows["kind"] == DOOR]:
-            ends = leaf_line(row, *row["pose"])
+        for row in episode.actors.rows[episode.actors.rows["kind"] == records.DOOR]:
+            ends = records.leaf_line(row, *row["pose"])
             for end in ends:
                 gap = min(point_segment_distance(*end, *wall) for wall in episode.walls)
                 assert gap < 1e-6
@@ -114,13 +103,15 @@ def test_leaves_shut_their_doorways_and_open_them_fully():
             if row["swings"]:
                 swung += 1
                 assert abs(row["travel"]) == pytest.approx(math.pi / 2)
-                tip = leaf_line(row, x, y, heading + row["travel"])[1] / CELL
+                tip = records.leaf_line(row, x, y, heading + row["travel"])[1] / CELL
                 for x0, y0, x1, y1 in layout.corridors:  # it would bar that
                     assert not (x0 < tip[0] < x1 and y0 < tip[1] < y1)
             else:
                 slid += 1
                 c, s = math.cos(heading), math.sin(heading)
-                open_ends = leaf_line(row, x + c * row["travel"], y + s * row["travel"], heading)
+                open_ends = records.leaf_line(
+                    row, x + c * row["travel"], y + s * row["travel"], heading
+                )
                 shares = np.linspace(0.02, 0.98, 20)[:, None]
                 inside = open_ends[0] + shares * np.diff(open_ends, axis=0)
                 assert (episode.map.cells[tuple(episode.map.to_cell(inside).T)] == 100).all()
@@ -142,7 +133,7 @@ def test_suites_among_people_can_be_solved(name):
                 assert footprint_clearance(*pose, array, episode.walls, episode.discs, 1.0) >= 0.15
             rows = episode.actors.rows
             assert len(rows) >= 1
-            assert (rows["kind"] == PERSON).all()
+            assert (rows["kind"] == records.PERSON).all()
             for x, y, _ in rows["pose"]:
                 assert math.dist((x, y), episode.start[:2]) >= 2.0
                 assert min(point_segment_distance(x, y, *w) for w in episode.walls) > 0.25
@@ -166,7 +157,7 @@ def test_suites_among_people_can_be_solved(name):
 def test_people_of_passages_walk_both_ways_through_them():
     directions = []
     for episode in drawn(8, name="crowd", place="corridor", people={"density": (0.1, 0.1)}):
-        for k, row in enumerate(episode.actors.rows[episode.actors.rows["kind"] == PERSON]):
+        for k, row in enumerate(episode.actors.rows[episode.actors.rows["kind"] == records.PERSON]):
             route = episode.actors.route(k)
             assert path_length(route) >= 14.0 - 2 * 0.6 - 1e-9
             assert route[0, 1] == route[1, 1] == row["pose"][1]  # on their own lane
@@ -181,7 +172,7 @@ def test_people_come_out_of_a_lift_and_stay_out():
         env = NavigationEnv(scene, pose_source="truth", bank=0, split="test")
         env.reset(seed=seed)
         low = 2.0 * env.episode.start[1] + WALL  # where the cabin begins
-        people = env.episode.actors.rows["kind"] == PERSON
+        people = env.episode.actors.rows["kind"] == records.PERSON
         assert people.any()
         for step in range(200):
             env.step(np.zeros(2, np.float32))
@@ -196,23 +187,25 @@ def test_numbers_of_people_follow_their_density():
         for episode in drawn(4, name="crowd", people={"density": density}):
             expected = density[0] * free_area(episode.map)
             kinds = episode.actors.rows["kind"]
-            assert (kinds == PERSON).sum() == pytest.approx(expected, abs=0.2 * expected + 0.5)
+            assert (kinds == records.PERSON).sum() == pytest.approx(
+                expected, abs=0.2 * expected + 0.5
+            )
     for episode in drawn(3, name="crowd", place="hall", people={"crossing_share": 1.0}):
         rows = episode.actors.rows
-        assert (rows["avoids"][rows["kind"] == PERSON] == NOBODY).all()
+        assert (rows["avoids"][rows["kind"] == records.PERSON] == records.NOBODY).all()
 
 
 def test_the_scene_of_all_people_has_every_kind_in_each_episode():
     for episode in drawn(12, name="people"):
         rows = episode.actors.rows
-        people = rows[rows["kind"] == PERSON]
-        assert set(people["behaviour"]) == set(range(len(BEHAVIOURS)))
-        assert set(people["reaction"]) == set(range(len(REACTIONS)))
+        people = rows[rows["kind"] == records.PERSON]
+        assert set(people["behaviour"]) == set(range(len(records.BEHAVIOURS)))
+        assert set(people["reaction"]) == set(range(len(records.REACTIONS)))
         assert (people["leader"] > 0).any()
-        assert (rows["leader"][rows["kind"] == FURNITURE] == 1).any()
+        assert (rows["leader"][rows["kind"] == records.FURNITURE] == 1).any()
         for k in np.flatnonzero(rows["leader"] > 0):
             leader = rows[k - rows["leader"][k]]
-            assert leader["kind"] == PERSON
+            assert leader["kind"] == records.PERSON
             assert math.dist(rows["pose"][k, :2], leader["pose"][:2]) == pytest.approx(
                 np.hypot(*rows["offset"][k])
             )
@@ -223,9 +216,9 @@ def test_the_scene_of_all_people_has_every_kind_in_each_episode():
 def test_shares_are_spread_evenly():
     shares = {"pauses": 0.25, "children": 0.25}
     for episode in drawn(6, name="crowd", place="hall", people={"behaviours": shares}):
-        people = episode.actors.rows[episode.actors.rows["kind"] == PERSON]
+        people = episode.actors.rows[episode.actors.rows["kind"] == records.PERSON]
         for behaviour in ("pauses", "runs"):
-            count = (people["behaviour"] == BEHAVIOURS.index(behaviour)).sum()
+            count = (people["behaviour"] == records.BEHAVIOURS.index(behaviour)).sum()
             assert abs(count - 0.25 * len(people)) <= 1.0
 
 
@@ -234,7 +227,7 @@ def test_what_appears_lies_on_the_way():
     for episode in drawn(name="temporary"):
         path = maps.geodesic(episode.map, episode.goal[:2], RADIUS).path(episode.start[:2])
         for row in episode.actors.rows:
-            assert row["kind"] == OBSTACLE
+            assert row["kind"] == records.OBSTACLE
             gap = min(
                 point_segment_distance(*row["pose"][:2], *a, *b)
                 for a, b in itertools.pairwise(path)

@@ -9,8 +9,8 @@ import torch
 import yaml
 
 from agents import cli
-from agents.benchmarks import training
 from agents.benchmarks.environments import irsim_world, wall_loops
+from agents.learning.run import PARTS
 from tests.agents.learning.tiny_runs import tiny
 from wheelchair_gym.base.settings import dump
 from wheelchair_gym.envs import EnvSettings
@@ -63,7 +63,7 @@ def test_every_part_of_a_training_run_is_measured(algorithm, tmp_path, capsys):
     command = ["bench", "train", algorithm, "--config", str(config), "--frames", "96"]
     assert cli.main([*command, "--set", "device=cpu", "--json", str(tmp_path / "found.json")]) == 0
     found = json.loads((tmp_path / "found.json").read_text())
-    assert tuple(found["seconds"]) == tuple(training.PARTS)
+    assert tuple(found["seconds"]) == tuple(PARTS)
     assert min(found["seconds"].values()) >= 0.0
     assert (found["frames"], found["device"]) == (96, "cpu")
     assert "networks on cpu" in capsys.readouterr().out

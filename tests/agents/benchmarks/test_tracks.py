@@ -26,7 +26,7 @@ def tiny(monkeypatch):
     """A track of two drives in the empty plane."""
     kinds = ("test", "development")
     monkeypatch.setitem(tracks.TRACKS, "tiny", TINY | {"digests": dict.fromkeys(kinds, "")})
-    digests = {kind: tracks.digest_of(tracks.drives_of("tiny", kind != "test")) for kind in kinds}
+    digests = {kind: tracks.Track("tiny", kind != "test").found_digest() for kind in kinds}
     tracks.TRACKS["tiny"]["digests"] = digests
     assert len(set(digests.values())) == 2
 

@@ -200,7 +200,7 @@ def test_training_makes_each_run_once(monkeypatch, tmp_path):
     made = []
     monkeypatch.setattr(train, "_train", lambda given, case: made.append(case.folder) or {})
     words = ["train", "bc", "--seeds", "0,1,0", "--vary", "rounds=1,2,1", "--out", str(tmp_path)]
-    monkeypatch.setattr("agents.learning.curves.write_sweep", lambda *_: "")
+    monkeypatch.setattr("agents.learning.folder.write_sweep", lambda *_: "")
     assert main(words) == 0
     assert made == [tmp_path / f"rounds_{k}" / f"seed_{seed}" for k in (1, 2) for seed in (0, 1)]
 

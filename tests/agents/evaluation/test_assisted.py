@@ -9,9 +9,9 @@ import pytest
 from agents.cli import main
 from agents.cli.compare import assistants, with_drivers
 from agents.evaluation.assisted import MEASURES, StickTrace
+from agents.evaluation.compare import terminal_table
 from agents.evaluation.evaluate import episode_env
 from agents.evaluation.plots import unbeaten
-from agents.evaluation.report import terminal_table
 from tests.benchmarks.assisted_drives import driver_of, with_expert
 from wheelchair_gym.base.settings import read_json
 from wheelchair_gym.geometry.kinematics import Limits

@@ -12,9 +12,7 @@ import numpy as np
 import pytest
 
 from agents.evaluation import plots as figures
-from agents.evaluation import report
-from agents.evaluation.compare import SUITES
-from agents.evaluation.report import COLUMNS, PARTS, markdown, webp, write_report
+from agents.evaluation.compare import COLUMNS, PARTS, SUITES, markdown, webp, write_report
 from agents.evaluation.tables import csv_table
 from agents.learning.weights import shipped
 from wheelchair_gym.rendering import write_png
@@ -197,7 +195,7 @@ def test_no_cell_of_csv_is_a_formula_and_numbers_are_numbers():
 def test_pictures_beyond_the_budget_are_linked(made, tmp_path, monkeypatch):
     what, folder, text, page = made
     first = next(image["src"] for image in page.of("img") if "webp" in image["src"])
-    monkeypatch.setattr(report, "_MAX_PICTURES", len(first) + 1)
+    monkeypatch.setattr("agents.evaluation.compare._MAX_PICTURES", len(first) + 1)
     heavy = Page(write_report(what, folder).read_text(encoding="utf-8"))
     shown = [image["src"] for image in heavy.of("img") if ", seed" in image["alt"]]
     assert [source.startswith("data:") for source in shown] == [True, True] + 6 * [False]
@@ -228,7 +226,7 @@ def test_a_video_is_embedded_and_a_long_one_plays_from_beside_the_page(tmp_path,
     for source in (embedded, "episode.mp4"):
         text = write_report(evaluation() | {"video": VIDEO}, tmp_path).read_text("utf-8")
         assert Page(text).of("video")[0]["src"] == source
-        monkeypatch.setattr(report, "_LARGEST_VIDEO", 3)
+        monkeypatch.setattr("agents.evaluation.compare._LARGEST_VIDEO", 3)
     assert "dwa, office, seed 7" in text
 
 

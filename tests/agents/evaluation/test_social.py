@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from agents.evaluation import metrics, report
+from agents.evaluation import compare, metrics
 from agents.evaluation.assisted import PeopleTrace, time_to_collision
 from agents.evaluation.evaluate import drive_episode, make_env
 from agents.evaluation.metrics import EFFICIENCIES, SOCIAL_MEANS, Trace, measure, summarise
@@ -188,19 +188,19 @@ def test_efficiencies_are_those_of_successes():
 
 def test_reports_have_columns_of_people_only_where_there_are_some(tmp_path):
     what = evaluation()
-    assert "personal space" not in report.markdown(what)
-    assert "personal space" not in report.write_report(what, tmp_path).read_text(encoding="utf-8")
-    brief, everything = report.terminal_table(what), report.terminal_table(what, ["all"])
+    assert "personal space" not in compare.markdown(what)
+    assert "personal space" not in compare.write_report(what, tmp_path).read_text(encoding="utf-8")
+    brief, everything = compare.terminal_table(what), compare.terminal_table(what, ["all"])
     for row in what["summary"]:
         if row["scene"] != "clutter":
             row |= dict.fromkeys((*SOCIAL_MEANS, *EFFICIENCIES), 0.25)
-    assert "in personal space [% of time]" in report.markdown(what)
-    text = report.write_report(what, tmp_path).read_text(encoding="utf-8")
+    assert "in personal space [% of time]" in compare.markdown(what)
+    text = compare.write_report(what, tmp_path).read_text(encoding="utf-8")
     assert "contacts first: among people" in text
     assert "least time after which chair and a person" in text
-    assert report.terminal_table(what) == brief
-    table = report.terminal_table(what, ["personal_share"]).splitlines()
+    assert compare.terminal_table(what) == brief
+    table = compare.terminal_table(what, ["personal_share"]).splitlines()
     assert table[1].split()[-1] == "25.0"
     assert [line.split()[-1] for line in table if "clutter" in line] == ["-", "-"]
-    assert "personal space" in report.terminal_table(what, ["all"])
+    assert "personal space" in compare.terminal_table(what, ["all"])
     assert "personal space" not in everything

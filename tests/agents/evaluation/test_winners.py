@@ -1,6 +1,6 @@
 """Paired tests decide the winner of each scene."""
 
-from agents.evaluation.report import best_of, level_with, ranked, ranking_table, winners
+from agents.evaluation.compare import best_of, level_with, ranked, ranking_table, winners
 from agents.evaluation.statistics import share, wilson
 
 

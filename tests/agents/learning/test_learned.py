@@ -11,9 +11,8 @@ import pytest
 from agents.cli import main
 from agents.evaluation.compare import SUITES
 from agents.evaluation.evaluate import drive_episode, episode_key, evaluate
-from agents.learning.checkpoint import NAME, load_checkpoint
-from agents.learning.publish import model_card
-from agents.learning.run import BEST, POLICY, Run, train
+from agents.learning.folder import BEST, CHECKPOINT, POLICY, load_checkpoint, model_card
+from agents.learning.run import Run, train
 from agents.learning.weights import Network, load_weights, save_weights, shipped
 from agents.policies import GymPolicy, make_policy
 from agents.policies.learned import BACK, file_digest
@@ -168,9 +167,9 @@ def test_a_run_goes_on_only_from_a_whole_checkpoint_and_with_its_own_settings(tr
     _, folder = trained
     run_of = tmp_path / "run"
     run_of.mkdir()
-    data = bytearray((folder / NAME).read_bytes())
+    data = bytearray((folder / CHECKPOINT).read_bytes())
     data[len(data) // 2] ^= 1
-    (run_of / NAME).write_bytes(bytes(data))
+    (run_of / CHECKPOINT).write_bytes(bytes(data))
     with pytest.raises(InputError, match="expected a complete checkpoint"):
         load_checkpoint(run_of)
     with pytest.raises(InputError, match="holds a run with seed 0, not 1; choose another folder"):

@@ -16,18 +16,16 @@ import torch
 import yaml
 from stable_baselines3 import PPO
 
-import wheelchair_gym
 from agents.cli import main
 from agents.cli.train import varied
 from agents.learning import run as run_module
-from agents.learning.curves import episode_row, read_curve
 from agents.learning.demonstrations import imitate
-from agents.learning.features import Layout
+from agents.learning.folder import POLICY, episode_row, read_curve
 from agents.learning.networks import AsymmetricPolicy, Teacher, actor_arrays
-from agents.learning.run import BATCH, POLICY, Run, train
+from agents.learning.run import BATCH, Run, train
 from agents.learning.sb3 import SaveModel
-from agents.learning.settings import RECIPES, Imitation, Training, read_training
-from agents.learning.weights import Network, load_weights
+from agents.learning.settings import RECIPES, Imitation, Training
+from agents.learning.weights import Layout, Network, load_weights
 from tests.agents.learning.tiny_runs import ENV, ON, PRIVY, tiny, trained_run
 from tests.conftest import ROOT
 from wheelchair_gym.base.settings import InputError, dump
@@ -294,22 +292,6 @@ def test_an_actor_imitates_its_teacher_with_a_weight_that_anneals(trained, tmp_p
     near, far = (float(((mean - wanted) ** 2).mean()) for mean in means)
     assert near < 0.3 * far
     assert runs[0].weights({}).card["teacher"] == load_weights(trained[1] / POLICY).digest
-
-
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        (
-            {"kickstarting": {"teacher": "x.npz"}, "on_policy": {"ent_coef": 0.0}},
-            "kickstarting.teacher is",
-        ),
-        ({"algorithm": "sac"}, "x.json.algorithm is 'sac'; the command says ppo"),
-        ({"env": {}}, "curriculum.initial_time needs env.guidance 'poses', or 0"),
-    ],
-)
-def test_wrong_settings_of_a_run_are_refused_by_name(content, message):
-    with pytest.raises(wheelchair_gym.InputError, match=message):
-        read_training(content, "x.json", "ppo")
 
 
 @pytest.mark.parametrize("name", sorted(RECIPES))

@@ -1,4 +1,4 @@
-"""Laws of the way to stable-baselines3: what it learns from is what the chairs did."""
+"""Laws of the way to stable-baselines3, and of level replay, by the equations of its paper."""
 
 from collections import Counter
 
@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
-from agents.learning import curves
+from agents.learning.folder import add_ended_episodes
+from agents.learning.level_replay import LevelReplay, LevelScores
 from agents.learning.sb3 import DrawCurve, SB3VecEnv
 from agents.learning.settings import Training
 from wheelchair_gym.base.settings import InputError, load
@@ -82,7 +83,7 @@ def test_a_crash_at_the_last_step_allowed_is_no_truncation():
     sums = Counter()
     for _ in range(steps):
         _, _, dones, infos = many.step(np.array([[1.0, 0.0]]))
-        curves.add_ended_episodes(sums, infos, dones)
+        add_ended_episodes(sums, infos, dones)
     assert dones.all()
     assert infos[0]["TimeLimit.truncated"] is False
     assert (sums["episodes"], sums["timeout"]) == (1, 0)
@@ -134,3 +135,24 @@ def test_scaled_observations_are_of_order_1_and_the_same_everywhere(guidance):
         begun = rows.step(np.stack([action, action]))[0]
     with pytest.raises(InputError, match=r"env.task.scaled: expected false"):
         load(Training, {"env": {"task": {"scaled": True}}}, "training")
+
+
+def test_levels_are_drawn_by_rank_and_by_age():
+    replay = LevelReplay(beta=0.5, rho=0.25)
+    levels = LevelScores(4, replay)
+    assert np.allclose(levels.weights(), 0.25)  # all are unseen
+    levels.update(np.array([0, 1, 1]), np.array([3.0, 1.0, 0.0]))
+    assert levels.scores.tolist() == [3.0, 0.5, np.inf, np.inf]
+    levels.update(np.array([2, 3]), np.array([9.0, 1.0]))
+    by_rank = np.array([1 / 4, 1 / 16, 1.0, 1 / 9])  # of ranks 2, 4, 1, 3
+    expected = 0.75 * by_rank / by_rank.sum() + 0.25 * np.array([0.5, 0.5, 0.0, 0.0])
+    assert np.allclose(levels.weights(), expected)
+    levels.replace(np.array([1]))
+    assert levels.weights()[1] > levels.weights()[3]
+
+
+def test_nothing_is_drawn_without_levels():
+    with pytest.raises(InputError, match="expected 1 at least"):
+        LevelScores(0)
+    with pytest.raises(InputError, match="expected 0 to 2"):
+        LevelScores(3).update(np.array([-1, 1]), np.ones(2))  # -1: a world of no bank

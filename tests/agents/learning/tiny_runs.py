@@ -2,10 +2,9 @@
 
 import numpy as np
 
-from agents.learning.features import Layout
 from agents.learning.run import Run
 from agents.learning.settings import read_training
-from agents.learning.weights import FORMAT, Weights
+from agents.learning.weights import FORMAT, Layout, Weights
 from wheelchair_gym.base.settings import load
 from wheelchair_gym.envs import EnvSettings
 

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 from agents.cli.arguments import spec
-from agents.people.drive import drive_with_help, open_space
-from agents.people.replay import open_loop
-from agents.people.stick import Keyboard, PersonsStick, TimedAssistant, held_to_stick
+from agents.people import drive
+from agents.people.recorded_stick import open_loop
 from agents.policies import make_policy
 from tests.conftest import until
 from tests.hardware.hosted import Hosted
@@ -49,11 +48,11 @@ class Ride:
         config = dataclasses.replace(base, task=task)
         self.hosted = Hosted(box(half), sensors=config.sensors, period=1.0 / RATE)
         self.twin, chair = self.hosted.twin, self.hosted.chair
-        self.assistant = TimedAssistant(
+        self.assistant = drive.TimedAssistant(
             policy or make_policy({"name": "assisted", "assist": "slide"}), "mine", deadline
         )
         clock = self.hosted.clock
-        self.stick = PersonsStick(1.0, clock.now, lambda: self.assistant.fault)
+        self.stick = drive.PersonsStick(1.0, clock.now, lambda: self.assistant.fault)
         self.stick.source = source or chair
         chair.person, chair.assisted = self.stick.why, source is None
         self.env = gym.make(
@@ -87,8 +86,8 @@ class Ride:
             return dies(env) or self.now() >= seconds
 
         try:
-            return drive_with_help(
-                self.env, self.assistant, self.stick, open_space(), self.log.append, each
+            return drive.drive_with_help(
+                self.env, self.assistant, self.stick, drive.open_space(), self.log.append, each
             )
         finally:
             self.env.close()
@@ -310,7 +309,7 @@ def test_after_a_touch_the_person_drives_it_free_by_hand():
 
 def test_a_stick_counts_once_it_was_centred():
     push, rest = (Stick(1.0, -0.5, False), ""), (Stick(0.0, 0.0, False), "")
-    stick = PersonsStick(0.5, lambda: 0.0)
+    stick = drive.PersonsStick(0.5, lambda: 0.0)
     assert stick.read()[1] == NO_STICK
     given = iter([push, rest, push, (Stick(1.0, 0.0, False), NOT_HELD), push, rest, push])
     stick.source = SimpleNamespace(stick=lambda now: next(given))
@@ -323,7 +322,7 @@ def test_no_assistant_adds_speed_or_moves_a_centred_stick():
     limits, rng = Limits(), np.random.default_rng(0)
     for _ in range(500):
         stick = Stick(*rng.uniform(-1.0, 1.0, 2) * rng.integers(0, 2, 2), False)
-        v, w = held_to_stick(rng.uniform(-2.0, 2.0, 2), stick, limits)
+        v, w = drive.held_to_stick(rng.uniform(-2.0, 2.0, 2), stick, limits)
         asked, turn = limits.twist_of(stick.forward, stick.left)
         assert min(0.0, asked) <= v <= max(0.0, asked)
         if asked == turn == 0.0:
@@ -335,7 +334,7 @@ def test_keys_are_a_stick_while_they_are_read_and_the_window_is_looked_at(monkey
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     monkeypatch.setenv("DISPLAY", ":0")
     acts = []
-    keys = Keyboard(0.5, lambda: acts.append(1))
+    keys = drive.Keyboard(0.5, lambda: acts.append(1))
 
     def post(kind, key=None):
         more = {} if key is None else {"key": key}

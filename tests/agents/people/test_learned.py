@@ -10,17 +10,8 @@ import numpy as np
 import pytest
 
 from agents.cli import main
-from agents.learning.features import Layout
+from agents.learning import weights as learned
 from agents.learning.settings import RECIPES
-from agents.learning.weights import (
-    SHIPPED_ASSISTANTS,
-    Network,
-    Weights,
-    load_weights,
-    make_card,
-    save_weights,
-    shipped,
-)
 from agents.people import make_assistant
 from agents.policies import GymPolicy, make_policy
 from agents.policies.learned import file_digest, weights_digest
@@ -43,16 +34,18 @@ def settings_of(**changes):
 def weights(tmp_path_factory):
     """Weights of a network that adds at random; an assistant that drives has to have some."""
     env = NavigationEnv(config=settings_of(), split="test")
-    layout, rng = Layout.of_task(env.task), np.random.default_rng(1)
+    layout, rng = learned.Layout.of_task(env.task), np.random.default_rng(1)
     arrays = {
         "dense0.w": rng.normal(0.0, 0.1, (16, layout.actor_size)),
         "dense0.b": np.zeros(16),
         "dense1.w": rng.normal(0.0, 0.2, (2, 16)),
         "dense1.b": np.zeros(2),
     }
-    card = make_card("ppo", "clip", layout, env.settings, RESIDUAL, 0, limits="none")
+    card = learned.make_card("ppo", "clip", layout, env.settings, RESIDUAL, 0, limits="none")
     path = tmp_path_factory.mktemp("weights") / "policy.npz"
-    save_weights(path, Weights({k: v.astype(np.float32) for k, v in arrays.items()}, card))
+    learned.save_weights(
+        path, learned.Weights({k: v.astype(np.float32) for k, v in arrays.items()}, card)
+    )
     return str(path)
 
 
@@ -61,7 +54,7 @@ def test_a_drive_is_that_of_the_training_environment(weights):
     trained = NavigationEnv(config=settings_of(), split="test")
     public = replace(trained.settings.task, privileged=False)
     other = NavigationEnv(config=settings_of(assistant=None, task=public), split="test")
-    network = Network(load_weights(weights))
+    network = learned.Network(learned.load_weights(weights))
     policy = GymPolicy(make_policy({"name": "assisted", "assist": weights}), other)
     interfaces, maximum = set(), 0.0
     for seed in range(4):
@@ -90,7 +83,7 @@ def test_a_batch_is_driven_as_by_the_network_in_it(weights):
         if not by_network:  # it sees all beams
             config = replace(config, assistant=None, task=replace(config.task, beams=1081))
         env = NavigationVectorEnv(3, num_threads=1, config=config, split="test")
-        network = Network(load_weights(weights))
+        network = learned.Network(learned.load_weights(weights))
         helpers, begin, found = Helpers(weights, env), np.ones(3, bool), []
         seen, info = env.reset(seed=0)
         for _ in range(60):
@@ -161,7 +154,7 @@ def test_other_weights_are_another_policy(weights):
     digest = file_digest(Path(weights))
     for assist in (weights, {"name": "residual", "weights": weights}):
         assert weights_digest({"name": "assisted", "assist": assist}) == digest
-    residual = file_digest(shipped(SHIPPED_ASSISTANTS)["residual"])
+    residual = file_digest(learned.shipped(learned.SHIPPED_ASSISTANTS)["residual"])
     assert weights_digest({"name": "assisted", "assist": "residual"}) == residual
     assert weights_digest({"name": "assisted", "assist": "slide"}) is None
 
@@ -179,8 +172,8 @@ def test_people_that_are_held_out_never_drive_in_training():
     for name in ("residual", "ppo_assist"):
         people = set(RECIPES[name].env_settings().driver)
         assert people == set(DRIVERS.built_in) - HELD_OUT
-    for path in shipped(SHIPPED_ASSISTANTS).values():
-        assert not HELD_OUT & set(load_weights(path).card["env"]["driver"])
+    for path in learned.shipped(learned.SHIPPED_ASSISTANTS).values():
+        assert not HELD_OUT & set(learned.load_weights(path).card["env"]["driver"])
 
 
 def test_a_person_drives_with_a_file_of_weights(weights, tmp_path, capsys):

@@ -14,13 +14,12 @@ from scipy import stats
 from agents.cli import main
 from agents.evaluation.statistics import effect_size
 from agents.evaluation.tables import csv_table
-from agents.people.chain import read_chain
-from agents.people.export import COLUMNS, tidy
+from agents.people.folder import read_chain
 from agents.people.protocol import NASA_TLX, Condition, Group, Protocol, Questionnaire, Task
-from agents.people.report import tables, write_report
+from agents.people.report import COLUMNS, tables, tidy, write_report
 from agents.people.session import ABORTED, CUT_OFF, GIVEN_UP, Session, State, read_folder
 from tests.conftest import ROOT, refusal
-from wheelchair_gym.base.settings import InputError, dump, load, read
+from wheelchair_gym.base.settings import InputError
 
 EXAMPLE = ROOT / "examples" / "participants.json"
 
@@ -315,31 +314,6 @@ def test_answers_off_the_scale_are_refused(tmp_path, last):
     with pytest.raises(InputError, match=r"expected (6|0 to 100 in steps of 5)"):
         session.answer(session.next(), [50] * 5 + last)
     assert session.next().kind == "answers"
-
-
-@pytest.mark.parametrize(("change", "expected"), [
-    ({"conditions": []}, "at least one condition"),
-    ({"tasks": [{"name": "a"}, {"name": "a"}]}, "is taken"),
-    ({"tasks": [{"name": "../a"}]}, "expected no slash"),
-    ({"consent": " "}, "expected text"),
-    ({"devices": []}, "expected some of keyboard, gamepad, touch, switch"),
-    ({"devices": ["mouse"]}, "mouse"),
-    ({"scan_period": 0.1}, "expected 0 or >= 0.3"),
-    ({"language": "fr"}, "language is 'fr'; expected one of en, es"),
-    ({"order": "random"}, "must be one of balanced, listed"),
-    ({"conditions": [{"name": "a", "hand": {"tremors": 1.0}}]}, "tremor"),
-    ({"conditions": [{"name": "a", "perception": {"reaction": 1.0}}]}, "reaction is the particip"),
-    ({"conditions": [{"assist": "slide"}]}, r"conditions\[0\] lacks name"),
-    ({"conditions": [{"name": "a", "assist": "slid"}]}, "did you mean slide"),
-    ({"tasks": [{"name": "a", "scene": "flor_plan"}]}, "did you mean floor_plan"),
-    ({"questionnaires": [{"name": "a", "statements": []}]}, "at least one statement"),
-    ({"questionnaires": [{"name": NASA_TLX, "statements": ["a"]}]}, "is taken"),
-    ({"questionnaires": [{"name": "home", "statements": ["a"]}]}, "is taken"),  # as a task
-    ({"questionnaires": [{"name": "consent", "statements": ["a"]}]}, "is taken"),
-])  # fmt: skip
-def test_a_wrong_protocol_is_one_line_that_names_the_key(change, expected):
-    with pytest.raises(InputError, match=expected):
-        load(Protocol, dump(read(Protocol, EXAMPLE)) | change, "protocol.json")
 
 
 def test_a_language_is_a_file_of_texts(tmp_path, monkeypatch):

@@ -9,7 +9,7 @@ import pytest
 from scipy import ndimage
 
 from agents.cli import main
-from agents.control import unknown_space
+from agents.control import local_map
 from agents.evaluation.evaluate import ENV, make_env
 from agents.evaluation.map_evaluation import map_by_driving, map_quality
 from agents.policies import GymPolicy, make_policy
@@ -125,7 +125,7 @@ def test_what_is_assumed_of_the_unseen():
     cells = np.full((100, 100), UNKNOWN, np.int8)
     cells[:, 50:] = FREE
     known, pose = OccupancyGrid(cells, 0.1), np.array([5.0, 5.0, 0.0])
-    stands, turns, anywhere = unknown_space.assumed_maps(known, pose, Footprint())
+    stands, turns, anywhere = local_map.assumed_maps(known, pose, Footprint())
     assert anywhere is known
     for careful, minimum in ((stands, 0.30), (turns, 0.43)):
         row = careful.cells[50]
@@ -134,20 +134,18 @@ def test_what_is_assumed_of_the_unseen():
         assert (row[46:] == FREE).all()
         solid = careful.to_world(np.argwhere(careful.cells == OCCUPIED))
         assert minimum < np.hypot(*(solid - pose[:2]).T).min() < minimum + 0.25
-    assert (
-        unknown_space.with_free_footprint(known, pose, Footprint()).cells[50, 43:] == FREE
-    ).all()
+    assert (local_map.with_free_footprint(known, pose, Footprint()).cells[50, 43:] == FREE).all()
     assert (known.cells[50, :50] == UNKNOWN).all()
     way = [(6.0, 5.0), (6.0, 9.0)]
-    assert not unknown_space.walls_block(known, way, 0.4)
+    assert not local_map.walls_block(known, way, 0.4)
     cells[70, 60] = OCCUPIED
-    assert unknown_space.walls_block(
+    assert local_map.walls_block(
         OccupancyGrid(cells, 0.1), [(6.0, y) for y in np.arange(5.0, 9.0, 0.05)], 0.4
     )
 
 
 def test_the_floor_that_the_chair_stood_on_is_free_and_nothing_else_changes():
-    footprint, floor = Footprint(), unknown_space.FloorMemory(Footprint())
+    footprint, floor = Footprint(), local_map.FloorMemory(Footprint())
     area = (footprint.front + footprint.rear) * 2.0 * footprint.half_width
     cells = np.full((60, 120), UNKNOWN, np.int8)
     cells[30, 40] = OCCUPIED  # under the chair: what was seen counts
@@ -163,7 +161,7 @@ def test_the_floor_that_the_chair_stood_on_is_free_and_nothing_else_changes():
 
 def test_floor_is_kept_over_a_long_way_in_maps_that_grow_and_move():
     footprint, rng = Footprint(), np.random.default_rng(4)
-    floor, pose, stood = unknown_space.FloorMemory(footprint), np.zeros(3), set()
+    floor, pose, stood = local_map.FloorMemory(footprint), np.zeros(3), set()
     low, high = footprint.corners[0], footprint.corners[2]
     under = np.stack(np.meshgrid(*map(np.arange, low, high, (0.025, 0.025))), -1).reshape(-1, 2)
     for _ in range(200):
@@ -182,7 +180,7 @@ def test_floor_is_kept_over_a_long_way_in_maps_that_grow_and_move():
 
 
 def test_what_was_open_floor_once_may_be_free_again():
-    floor, pose = unknown_space.FloorMemory(Footprint()), np.zeros(3)
+    floor, pose = local_map.FloorMemory(Footprint()), np.zeros(3)
     before = np.full((60, 80), UNKNOWN, np.int8)
     before[10:50, 10:70], before[30, 10:30], before[30, 50:70] = FREE, OCCUPIED, OCCUPIED
     before[5, 5:9] = FREE  # a gap between walls
@@ -234,7 +232,7 @@ def test_a_way_that_was_free_once_is_taken_where_none_is_left_or_the_other_is_lo
     assert way.reopens
     assert not way.unseen  # the first of its three maps leads there
     assert way.searched == 4
-    stands = unknown_space.assumed_maps(shut, np.zeros(3), Footprint())[0]
+    stands = local_map.assumed_maps(shut, np.zeros(3), Footprint())[0]
     assert (way.walls.cells == stands.cells).all()  # the follower heeds what is there
     round_it = searched(closed, None)
     assert round_it.solved
@@ -281,11 +279,11 @@ def test_space_behind_a_wall_is_not_unseen_space_behind_the_chair():
     cells[20:60, 40:] = FREE
     grid = OccupancyGrid(cells, 0.05, (-2.0, -2.0, 0.0))
     near = np.array([footprint.rear + 0.1, 0.0, 0.0])
-    assert unknown_space.blind_behind(grid, near, footprint)
+    assert local_map.blind_behind(grid, near, footprint)
     walled = cells.copy()
     walled[20:60, 39] = OCCUPIED
     grid = OccupancyGrid(walled, 0.05, (-2.0, -2.0, 0.0))
-    assert not unknown_space.blind_behind(grid, near, footprint)
+    assert not local_map.blind_behind(grid, near, footprint)
 
 
 def test_what_cannot_be_done_in_an_unknown_world_is_refused():

@@ -9,8 +9,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from agents.studio.access import Access
-from agents.studio.server import Studio, listening_socket, make_server
+from agents.studio.server import Access, Studio, listening_socket, make_server
 from tests.browser import BROWSER, need_browser
 from tests.conftest import PATIENCE
 from wheelchair_gym.maps import OccupancyGrid, write_map

@@ -12,7 +12,7 @@ from agents.cli import main
 from agents.people import ASSISTANTS
 from agents.studio import PAGE, page_texts
 from agents.studio.catalogue import NO_HAND, NO_SIGHT, places
-from agents.studio.compare_session import NOBODY, POLICIES
+from agents.studio.session import NOBODY, POLICIES
 from planners.registries import PLANNERS
 from tests.agents.studio.served import SCREENS, axe, browsing, cut_off, looked_at, serving, until
 from tests.hardware.conftest import build_twin

@@ -11,10 +11,19 @@ import pytest
 import shapely
 from PIL import Image
 
-from agents.studio import drawing
-from agents.studio.drawing import SHAPES, blank, drawn, loaded, rectangles, write_problem
-from agents.studio.plan_session import PlanSession
-from agents.studio.planning import answer, frames_of, problem_of
+from agents.studio.plan_session import (
+    SHAPES,
+    PlanSession,
+    answer,
+    blank,
+    drawn,
+    far_ends,
+    frames_of,
+    loaded,
+    problem_of,
+    rectangles,
+    write_problem,
+)
 from planners.problem_files import read_problems
 from tests.agents.studio.served import START, messages, send, serving
 from tests.agents.studio.test_server import get
@@ -174,7 +183,7 @@ def test_large_images_are_refused_before_they_are_decoded_and_loading_can_be_can
         act()
         assert sent[-1]["bounds"] == pytest.approx(bounds)
     cancelled = lambda *_: session.receive({"type": "cancel"})  # noqa: E731
-    monkeypatch.setattr(drawing, "loaded", cancelled)
+    monkeypatch.setattr("agents.studio.plan_session.loaded", cancelled)
     with pytest.raises(InputError, match="cancelled; the map is as it was"):
         session.on_load({"name": "Küche 1.png", "resolution": 0.05})
     assert session._grid.bounds == pytest.approx(bounds)
@@ -184,7 +193,7 @@ def test_large_images_are_refused_before_they_are_decoded_and_loading_can_be_can
 def test_far_ends_are_the_first_and_last_place_with_room():
     grid = drawn(blank(5.0, 4.0), [[FURNITURE, 0.0, 0.0, 2.0, 2.0]])
     places = grid.to_world(np.argwhere(grid.traversable(0.4)))
-    assert drawing.far_ends(grid, "x") == (places[0].tolist(), places[-1].tolist())
+    assert far_ends(grid, "x") == (places[0].tolist(), places[-1].tolist())
 
 
 def test_a_place_is_planned_on_and_a_saved_map_is_driven_on(served):

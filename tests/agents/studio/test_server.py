@@ -14,10 +14,12 @@ import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from agents.cli import main
-from agents.studio import compare_session, plan_session, session
+from agents.studio import session
+from agents.studio.drive import film
 from agents.studio.messages import read_message
+from agents.studio.plan_session import PlanSession
 from agents.studio.server import listening_socket
-from agents.studio.tracks import film
+from agents.studio.session import CompareSession, DriveSession
 from tests.agents.studio.served import START, messages, send, serving
 from tests.conftest import PATIENCE, until
 from wheelchair_gym.base.settings import InputError
@@ -182,7 +184,7 @@ def standing(monkeypatch):
     """Time that passes for limits of rates only when a test says so: [seconds]."""
     now = [time.monotonic()]
     clock = SimpleNamespace(monotonic=lambda: now[0])
-    monkeypatch.setattr("agents.studio.access.time", clock)
+    monkeypatch.setattr("agents.studio.server.time", clock)
     return now
 
 
@@ -214,15 +216,15 @@ GOOD = {
     "episode": 0, "scene": "s",
 }  # fmt: skip
 KINDS = {
-    (page.__name__.rpartition(".")[2], kind): page.FIELDS
-    for page in (session, plan_session, compare_session)
-    for kind in page.FIELDS
+    (page.__name__, kind): page.fields
+    for page in (DriveSession, PlanSession, CompareSession)
+    for kind in page.fields
 }
 
 
 @pytest.mark.parametrize(("page", "kind"), KINDS)
 def test_a_message_has_exactly_its_fields(page, kind):
-    fields, good = KINDS[page, kind], GOOD | ({"left": "a"} if page == "compare_session" else {})
+    fields, good = KINDS[page, kind], GOOD | ({"left": "a"} if page == "CompareSession" else {})
     good |= {"name": {"assist": "slide", "hand": "none", "sight": "none"}.get(kind, good["name"])}
     message = {"type": kind, **{name: good[name] for name in fields[kind]}}
     assert read_message(json.dumps(message), fields) == message

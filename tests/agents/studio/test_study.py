@@ -18,26 +18,14 @@ from websockets.exceptions import InvalidStatus
 from agents.cli import main
 from agents.evaluation.evaluate import without_labels
 from agents.evaluation.provenance import write_json
-from agents.people.chain import read_chain
+from agents.people.folder import read_chain
 from agents.people.protocol import Condition, Protocol, Questionnaire, Task
 from agents.people.session import ABORTED, CUT_OFF, GIVEN_UP, Session, State, read_folder
 from agents.studio.experimenter import Desk
 from agents.studio.messages import read_message
-from agents.studio.study import PATIENCE, STUDY_FIELDS, StudySession
+from agents.studio.study import PATIENCE, StudySession
 from tests.agents.people.test_participants import figures, full_disk, protocol
-from tests.agents.studio.served import (
-    SCREENS,
-    Served,
-    axe,
-    browsing,
-    cut_off,
-    looked_at,
-    messages,
-    room_map,
-    send,
-    serving,
-    until,
-)
+from tests.agents.studio import served as pages
 from tests.agents.studio.test_server import get
 from tests.conftest import long_but, refusal
 from tests.conftest import until as wait_until
@@ -57,7 +45,7 @@ STEPS = [
 def opened(tmp_path_factory):
     """A studio with an experiment, and its page in a browser."""
     folder = tmp_path_factory.mktemp("study")
-    scene = room_map(folder, goal=2.3)
+    scene = pages.room_map(folder, goal=2.3)
     weak, half = {"forward": 0.6}, {"right": 0.0}
     conditions = (
         Condition("help 0", "slide"), Condition("help 1", "shield", hand=weak, perception=half)
@@ -69,11 +57,11 @@ def opened(tmp_path_factory):
         devices=("keyboard", "touch", "switch"), tries=2, order="listed",
     )  # fmt: skip
     with (
-        serving(folder, protocol, locked=True) as served,
-        browsing() as browser,
-        looked_at(browser, f"{served.url}#study") as page,
+        pages.serving(folder, protocol, locked=True) as served,
+        pages.browsing() as browser,
+        pages.looked_at(browser, f"{served.url}#study") as page,
     ):
-        until(page, "window.studio?.ready && studio.title")
+        pages.until(page, "window.studio?.ready && studio.title")
         yield served, page
 
 
@@ -92,14 +80,14 @@ def press(page, wanted, *keys):
 def begin(page):
     """Begin a drive, which waits for the first move."""
     press(page, "#go", "Enter")
-    until(page, "studio.running && studio.now?.waits")
+    pages.until(page, "studio.running && studio.now?.waits")
 
 
 def enter(page, number):
     """Load the page anew, and enter a number."""
     page.evaluate("sessionStorage.clear()")
     page.reload()
-    until(page, "window.studio?.ready && studio.title")
+    pages.until(page, "window.studio?.ready && studio.title")
     page.fill("#number", f"{number}")
     page.keyboard.press("Enter")
 
@@ -109,7 +97,7 @@ def drive(page):
     page.evaluate("studio.now = studio.result = null")
     begin(page)
     page.keyboard.down("ArrowUp")
-    until(page, "!studio.running")
+    pages.until(page, "!studio.running")
     page.keyboard.up("ArrowUp")
     return page.evaluate("studio.now.sight")
 
@@ -117,48 +105,48 @@ def drive(page):
 def test_a_participant_goes_from_consent_to_the_data_by_keys_alone(opened, capsys):
     served, page = opened
     press(page, "#number", "3", "Enter")
-    until(page, "document.querySelector('#agreed')")
-    axe(page)
+    pages.until(page, "document.querySelector('#agreed')")
+    pages.axe(page)
     assert "You may stop at any time." in page.inner_text(".panel")
     assert page.is_disabled("#go")
     press(page, "#agreed", "Space")
     press(page, "#go", "Space")
     for condition in range(2):
-        until(page, "document.querySelector('#go[data-t=begin_drive]')")
+        pages.until(page, "document.querySelector('#go[data-t=begin_drive]')")
         assert "does not count" in page.inner_text(".panel")
         sight = drive(page)
         assert sight is None if condition == 0 else sight[1] == 0.0
-        until(
+        pages.until(
             page, "document.querySelector('#go[data-t=begin_drive]') && studio.due.task == 'room'"
         )
         assert "Drive to the circle." in page.inner_text(".panel")
         if condition == 0:  # ended too early, and driven again
             begin(page)
-            for width, height in SCREENS:
+            for width, height in pages.SCREENS:
                 page.set_viewport_size({"width": width, "height": height})
                 page.evaluate("studio.on.stick.hidden = false; studio.begin(studio.world)")
-                assert cut_off(page) == [], (width, height)
+                assert pages.cut_off(page) == [], (width, height)
             page.set_viewport_size({"width": 1280, "height": 900})
             page.keyboard.down("ArrowDown")
-            until(page, "studio.now?.twist[0] < -0.01")
+            pages.until(page, "studio.now?.twist[0] < -0.01")
             page.keyboard.up("ArrowDown")
             page.keyboard.press("Escape")
-            until(page, "document.querySelector('#go[data-t=begin_drive]')")
+            pages.until(page, "document.querySelector('#go[data-t=begin_drive]')")
             assert "You ended the drive before its goal." in page.inner_text(".banner.alarm")
-            axe(page)
+            pages.axe(page)
             drive(page)
         else:
             drive(page)
         for items in (6, 2):
-            until(page, f"document.querySelectorAll('.panel fieldset').length == {items}")
-            axe(page)
+            pages.until(page, f"document.querySelectorAll('.panel fieldset').length == {items}")
+            pages.axe(page)
             press(page, "#go", "Enter")
-            until(page, "!document.getElementById('error').hidden")
+            pages.until(page, "!document.getElementById('error').hidden")
             for k in range(items):
                 press(page, f"input[name=q{k}]", *(["ArrowRight"] * k or ["Space"]))
             press(page, "#go", "Enter")
-            until(page, f"document.querySelectorAll('.panel fieldset').length != {items}")
-    until(page, "document.querySelector('[data-t=study_done]')")
+            pages.until(page, f"document.querySelectorAll('.panel fieldset').length != {items}")
+    pages.until(page, "document.querySelector('[data-t=study_done]')")
     one = of(served, 3)
     assert list(one.done) == STEPS
     assert all(one.done[key]["figures"]["success"] for key in STEPS if key.endswith("m"))
@@ -194,23 +182,23 @@ def test_the_device_is_chosen_before_a_drive_and_stays(opened):
     enter(page, 5)
     page.check("#agreed")
     page.click("#go")
-    until(page, "document.querySelector('#go[data-t=begin_drive]')")
+    pages.until(page, "document.querySelector('#go[data-t=begin_drive]')")
     assert page.eval_on_selector_all("#device option", "all => all.map(one => one.value)") == [
         "keyboard", "touch", "switch",
     ]  # fmt: skip
     page.select_option("#device", "switch")
     page.fill("#period", "0.5")
-    axe(page)
+    pages.axe(page)
     begin(page)
     assert not page.is_visible("#device")
     assert not page.is_visible("#stick")
     page.keyboard.down("ArrowUp")  # no key drives
-    until(page, "studio.now.lit === 'right'")
-    until(page, "studio.now.lit === 'forward'")
+    pages.until(page, "studio.now.lit === 'right'")
+    pages.until(page, "studio.now.lit === 'forward'")
     assert page.evaluate("studio.now.waits")
     page.keyboard.up("ArrowUp")
     page.keyboard.press("Space")
-    until(page, "document.querySelector('#go[data-t=begin_drive]')")
+    pages.until(page, "document.querySelector('#go[data-t=begin_drive]')")
     page.select_option("#device", "touch")
     assert not page.is_visible("#period")
     begin(page)
@@ -218,7 +206,7 @@ def test_the_device_is_chosen_before_a_drive_and_stays(opened):
     page.keyboard.press("ArrowUp")
     assert page.evaluate("studio.now.waits")
     page.keyboard.press("Escape")  # before it has begun: another device may be chosen
-    until(page, "document.querySelector('#go[data-t=begin_drive]')")
+    pages.until(page, "document.querySelector('#go[data-t=begin_drive]')")
     assert page.is_visible("#device")
     (record,) = of(served, 5).attempts
     assert (record["device"], record["scan_period"]) == ("switch", 0.5)
@@ -247,18 +235,18 @@ def of(served, number):
 def agreed(served, number):
     """A page's socket, on which a participant has agreed, and the step that is due."""
     with served.socket("study") as socket:
-        assert messages(socket, "study")["blind"]
-        send(socket, "participant", number=number, resume=False)
-        messages(socket, "step")
-        send(socket, "consent", step=1)
-        yield socket, messages(socket, "step")
+        assert pages.messages(socket, "study")["blind"]
+        pages.send(socket, "participant", number=number, resume=False)
+        pages.messages(socket, "step")
+        pages.send(socket, "consent", step=1)
+        yield socket, pages.messages(socket, "step")
 
 
 def joined(socket, number):
     """Go on with a session on another socket, once the server has noticed that the last is gone."""
     while True:
-        send(socket, "participant", number=number, resume=True)
-        found = messages(socket, "step", "done", "error")
+        pages.send(socket, "participant", number=number, resume=True)
+        found = pages.messages(socket, "step", "done", "error")
         if found["type"] != "error":
             return found
         assert "open in another tab" in found["text"]
@@ -267,39 +255,42 @@ def joined(socket, number):
 def test_steps_that_are_not_due_are_refused(opened):
     served, _ = opened
     with served.socket("study") as socket:
-        assert messages(socket, "study")["title"] == "Rooms"
-        socket_says = lambda: messages(socket, "error", "step", "done")  # noqa: E731
-        send(socket, "consent", step=1)
+        assert pages.messages(socket, "study")["title"] == "Rooms"
+        socket_says = lambda: pages.messages(socket, "error", "step", "done")  # noqa: E731
+        pages.send(socket, "consent", step=1)
         assert "expected a number first" in socket_says()["text"]
-        send(socket, "participant", number=8, resume=False)
+        pages.send(socket, "participant", number=8, resume=False)
         assert socket_says()["kind"] == "consent"
         for kind, more in (("begin", {}), ("answer", {"values": [1], "step": 1})):
-            send(socket, kind, **more)
+            pages.send(socket, kind, **more)
             assert socket_says()["type"] == "error"
-        send(socket, "participant", number=0, resume=False)
+        pages.send(socket, "participant", number=0, resume=False)
         assert "participant.number is 0" in socket_says()["text"]
-    assert set(STUDY_FIELDS) >= {"participant", "consent", "begin", "answer"}
+    assert set(StudySession.fields) >= {"participant", "consent", "begin", "answer"}
 
 
 def test_a_page_that_is_closed_in_a_drive_leaves_the_step_open(opened):
     served, _ = opened
     with agreed(served, 9) as (socket, _):
-        send(socket, "begin")
-        assert "expected a device first" in messages(socket, "error")["text"]
-        send(socket, "device", name="gamepad", scan_period=1.0)
-        assert "expected keyboard, touch, switch" in messages(socket, "error")["text"]
-        send(socket, "device", name="touch", scan_period=1.0)
-        send(socket, "begin")
-        messages(socket, "world")
+        pages.send(socket, "begin")
+        assert "expected a device first" in pages.messages(socket, "error")["text"]
+        pages.send(socket, "device", name="gamepad", scan_period=1.0)
+        assert "expected keyboard, touch, switch" in pages.messages(socket, "error")["text"]
+        pages.send(socket, "device", name="touch", scan_period=1.0)
+        pages.send(socket, "begin")
+        pages.messages(socket, "world")
         for _ in range(5):  # another device than that of the drive
-            send(socket, "stick", forward=1.0, left=0.0, by="keyboard")
+            pages.send(socket, "stick", forward=1.0, left=0.0, by="keyboard")
         for name in ("keyboard", "switch", "touch"):
-            send(socket, "device", name=name, scan_period=1.0)
-            assert "expected touch until this drive has ended" in messages(socket, "error")["text"]
-        assert messages(socket, "picture")["waits"]
+            pages.send(socket, "device", name=name, scan_period=1.0)
+            assert (
+                "expected touch until this drive has ended"
+                in pages.messages(socket, "error")["text"]
+            )
+        assert pages.messages(socket, "picture")["waits"]
         for _ in range(20):
-            send(socket, "stick", forward=1.0, left=0.0, by="touch")
-            picture = messages(socket, "picture")
+            pages.send(socket, "stick", forward=1.0, left=0.0, by="touch")
+            picture = pages.messages(socket, "picture")
         assert picture["twist"][0] > 0.1
     with served.socket("study") as socket:
         assert joined(socket, 9)["task"] == "hall"
@@ -312,11 +303,11 @@ def test_a_page_that_is_closed_in_a_drive_leaves_the_step_open(opened):
 def test_nothing_that_a_page_gets_names_the_condition_or_what_it_does(opened):
     served, _ = opened
     with agreed(served, 21) as (socket, step):
-        send(socket, "device", name="touch", scan_period=1.0)
-        send(socket, "begin")
-        world = messages(socket, "world")
-        while (picture := messages(socket, "picture"))["t"] < 3.0:  # towards a wall
-            send(socket, "stick", forward=-1.0, left=0.2, by="touch")
+        pages.send(socket, "device", name="touch", scan_period=1.0)
+        pages.send(socket, "begin")
+        world = pages.messages(socket, "world")
+        while (picture := pages.messages(socket, "picture"))["t"] < 3.0:  # towards a wall
+            pages.send(socket, "stick", forward=-1.0, left=0.2, by="touch")
             assert (picture["given"], picture["reason"]) == ([0.0, 0.0], "")
     assert (world["shielded"], world["order"]) == (False, {})
     said = json.dumps([step, world])
@@ -327,15 +318,15 @@ def test_a_second_tab_and_a_mistyped_number_are_told(opened):
     served, _ = opened
     with agreed(served, 22) as (first, step), served.socket("study") as second:
         assert step["task"] == "hall"
-        send(second, "participant", number=22, resume=False)
-        known = messages(second, "known")
+        pages.send(second, "participant", number=22, resume=False)
+        known = pages.messages(second, "known")
         assert (known["done"], known["steps"]) == (1, 9)
-        send(second, "participant", number=22, resume=True)
-        error = messages(second, "error")
+        pages.send(second, "participant", number=22, resume=True)
+        error = pages.messages(second, "error")
         assert "participant 22 is open in another tab" in error["text"]
         assert (error["key"], error["values"]) == ("open_elsewhere", {"number": "22"})
-        send(first, "consent", step=1)  # sent twice: it is known, and nothing is stored again
-        assert messages(first, "step")["number"] == 2
+        pages.send(first, "consent", step=1)  # sent twice: it is known, and nothing is stored again
+        assert pages.messages(first, "step")["number"] == 2
     path = served.studio.folder / "participant_0022" / "steps.jsonl"
     assert [record["kind"] for record in read_chain(path)[0]] == ["opened", "consent"]
 
@@ -373,17 +364,17 @@ def test_the_experimenter_sees_everybody_remarks_and_aborts(opened):
         return get(served, "/experimenter", "POST", urlencode(form).encode(), **cookie)
 
     with served.socket("study") as socket:
-        send(socket, "participant", number=23, resume=False)
-        messages(socket, "step")
+        pages.send(socket, "participant", number=23, resume=False)
+        pages.messages(socket, "step")
         assert post(number=23, action="note", text="too early")[0] == 303
-        send(socket, "consent", step=1)
-        messages(socket, "step")
-        send(socket, "device", name="touch", scan_period=1.0)
-        send(socket, "begin")
-        while messages(socket, "picture")["t"] < 0.3:
-            send(socket, "stick", forward=0.3, left=0.0, by="touch")
+        pages.send(socket, "consent", step=1)
+        pages.messages(socket, "step")
+        pages.send(socket, "device", name="touch", scan_period=1.0)
+        pages.send(socket, "begin")
+        while pages.messages(socket, "picture")["t"] < 0.3:
+            pages.send(socket, "stick", forward=0.3, left=0.0, by="touch")
         assert post(number=23, action="abort", text="")[0] == 303
-        again = messages(socket, "step")
+        again = pages.messages(socket, "step")
         assert (again["outcome"], again["task"]) == ("aborted", "hall")
         assert post(number=23, action="adverse_event", text="<dizzy>")[0] == 303
         body = get(served, "/experimenter", **cookie)[2].decode()
@@ -434,7 +425,7 @@ def started(tmp_path):
     try:
         assert wait_until(lambda: program.said), program.errors
         port, token = re.search(r":(\d+)/\?token=(\S+)#study", program.said[0]).groups()
-        served = Served(SimpleNamespace(access=SimpleNamespace(token=token)), port)
+        served = pages.Served(SimpleNamespace(access=SimpleNamespace(token=token)), port)
         with served.socket("study") as socket:
             yield socket
             program.process.kill()
@@ -444,24 +435,24 @@ def started(tmp_path):
 
 
 def test_a_program_that_is_killed_in_a_drive_loses_nothing(tmp_path):
-    task = Task("room", room_map(tmp_path, goal=2.3))
+    task = Task("room", pages.room_map(tmp_path, goal=2.3))
     plan = dataclasses.replace(protocol(1, nasa_tlx=False), tasks=(task,))
     write_json(tmp_path / "rooms.json", dump(plan))
     outcomes, due = [], None
     for resume in (False, True):
         with started(tmp_path) as socket:
-            send(socket, "participant", number=4, resume=resume)
-            due = messages(socket, "step")
+            pages.send(socket, "participant", number=4, resume=resume)
+            due = pages.messages(socket, "step")
             if not resume:
-                send(socket, "consent", step=1)
-                due = messages(socket, "step")
+                pages.send(socket, "consent", step=1)
+                due = pages.messages(socket, "step")
             assert (due["task"], due["number"]) == ("room", 2)
-            send(socket, "device", name="touch", scan_period=1.0)
-            send(socket, "begin")
-            while (now := messages(socket, "picture", "done"))["type"] == "picture":
+            pages.send(socket, "device", name="touch", scan_period=1.0)
+            pages.send(socket, "begin")
+            while (now := pages.messages(socket, "picture", "done"))["type"] == "picture":
                 if now["t"] > 0.5 and not resume:
                     break
-                send(socket, "stick", forward=0.6, left=0.0, by="touch")
+                pages.send(socket, "stick", forward=0.6, left=0.0, by="touch")
         (one,) = read_folder(tmp_path / "rooms")[1]  # reads each checksum
         outcomes.append([attempt["outcome"] for attempt in one.attempts])
         assert list(one.done) == ["consent", "help 0/room"][: 1 + resume]
@@ -530,7 +521,7 @@ class Scripted(StudySession):
 @pytest.mark.parametrize("people", long_but([4, 12], [4]))
 def test_a_complete_study_with_two_dropouts(people, tmp_path):
     """From the pages' own messages to data, dictionary and report."""
-    scene = room_map(tmp_path, goal=2.0)
+    scene = pages.room_map(tmp_path, goal=2.0)
     tasks = [Task(name, scene) for name in "abc"[: 1 if people < 12 else 3]]
     conditions = Condition("direct", "direct"), Condition("shield"), Condition("dwa", "shared_dwa")
     plan = Protocol(
@@ -587,33 +578,37 @@ def test_answers_stay_in_the_page_until_they_are_stored(opened, cut):
     session.close()
     enter(page, number)
     page.click("#yes")
-    until(page, "document.querySelectorAll('.panel fieldset').length == 6")
+    pages.until(page, "document.querySelectorAll('.panel fieldset').length == 6")
     for k in range(6):
         page.locator(f"input[name=q{k}]").nth(k).check()
     with full_disk():
         page.click("#go")
-        until(page, "document.getElementById('error').textContent.includes('cannot be written')")
+        pages.until(
+            page, "document.getElementById('error').textContent.includes('cannot be written')"
+        )
     assert page.inner_text("#error").startswith("That did not work. Tell the experimenter:")
     assert page.is_visible("#error")
     if cut == "reload":
         page.reload()
     else:
         page.evaluate("studio.link.socket.close()")
-    until(page, "document.querySelectorAll('.panel fieldset').length == 2")  # sent again by itself
+    pages.until(
+        page, "document.querySelectorAll('.panel fieldset').length == 2"
+    )  # sent again by itself
     answers = of(served, number).done["help 0/nasa_tlx"]["answers"]
     assert list(answers.values()) == [0, 5, 10, 15, 20, 25]
     kinds = [one["kind"] for one in read_chain(session.folder / "steps.jsonl")[0]]
     assert kinds[-2:] == ["opened", "answers"]
     page.click("#rest")
     page.click("#go[data-t=resume]")
-    until(page, "document.querySelectorAll('.panel fieldset').length == 2")
+    pages.until(page, "document.querySelectorAll('.panel fieldset').length == 2")
     page.click("#withdraw")
     page.click("#no")
-    until(page, "document.querySelectorAll('.panel fieldset').length == 2")
+    pages.until(page, "document.querySelectorAll('.panel fieldset').length == 2")
     page.click("#withdraw")
-    axe(page)
+    pages.axe(page)
     page.click("#yes")
-    until(page, "document.querySelector('[data-t=study_ended]')")
+    pages.until(page, "document.querySelector('[data-t=study_ended]')")
     assert of(served, number).state == State.WITHDRAWN
 
 
