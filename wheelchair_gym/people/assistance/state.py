@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from wheelchair_gym.base.arrays import Array, Floats
-from wheelchair_gym.compiled.address import on_stack, rows_of, table_at
+from wheelchair_gym.compiled.address import on_stack, read_record, rows_of, table_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.compiled.simd import bits_of_float
 from wheelchair_gym.geometry.kinematics import arc_step
@@ -20,34 +20,10 @@ MORE_GROUPS = 64  # of beams of all further scanners
 SECTORS = 64  # around the outline's middle: of each, the nearest out of sight is remembered
 MAXIMUM = GROUPS + MORE_GROUPS + SECTORS  # obstacles
 
-SCANNER = np.dtype(
-    [
-        ("mount", "f8", (4,)),  # m, m: place; cosine and sine of its yaw
-        ("view_cosine", "f8"),  # of half its field of view; 2: it does not show what is free
-        ("first", "i8"),  # its first beam in a scan
-        ("beams", "i8"),
-        ("groups", "i8"),  # of its beams
-    ],
-    align=True,
-)
+SCANNER = read_record("SCANNER", globals())[0]
 scanners_at = rows_of(SCANNER)
 
-ASSISTANT = np.dtype(
-    [
-        ("stamp", "f8"),  # s: of the latest reading; NaN: there was none yet
-        ("steady", "f8"),  # s for which the stick has been low and steady
-        ("held", "f8", (2,)),  # the stick from which it is
-        ("asked", "f8", (2,)),  # m/s, rad/s: the stick's twist
-        ("turn", "f8"),  # rad/s: by how much the turn rate may differ
-        ("margin", "f8"),  # m: that is kept
-        ("twist", "f8", (2,)),  # m/s, rad/s: what the method makes of it
-        ("n_points", "i8"),
-        ("points", "f8", (MAXIMUM, 2)),  # m: obstacles in the chair's frame, those seen first
-        ("n_seen", "i8"),  # of them
-        ("until", "f8", (SECTORS,)),  # s: stamp until which each of the others is remembered
-    ],
-    align=True,
-)
+ASSISTANT = read_record("ASSISTANT", globals())[0]
 
 
 assistant_rows = rows_of(ASSISTANT)
