@@ -47,7 +47,7 @@ from wheelchair_gym.types import Episode
 
 def simulate(given: argparse.Namespace) -> int:
     """Drive one episode and report it."""
-    from wheelchair_gym.rendering.legend import scene_entries, with_legend
+    from wheelchair_gym.rendering.picture import scene_entries, with_legend
 
     check_assist(given)
     settings, name = env_of(given), given.policy

@@ -55,16 +55,7 @@ RADII = (0.04, 0.45)  # m
 _BODY = 0.25  # m: radius of what is seen in part, and width of people at least
 _MAX_HITS = 3  # that such a width must have, or as many as its beams
 
-HIT_ROW = np.dtype(
-    [
-        ("x", "f4"),  # m: in the laser's frame
-        ("y", "f4"),
-        ("r", "f4"),
-        ("beam", "i4"),
-        ("place", "i4"),  # FREE, UNSURE or STATIC
-        ("owner", "i4"),  # nearest confirmed track, or -1
-    ]
-)
+HIT_ROW = read_record("HIT_ROW", globals())[0]
 CLUSTER = read_record("CLUSTER", globals())[0]
 hits_at, clusters_at = rows_of(HIT_ROW), rows_of(CLUSTER)
 

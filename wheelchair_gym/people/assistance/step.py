@@ -22,25 +22,32 @@ from wheelchair_gym.compiled.address import (
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry.kinematics import action_of_twist, twist_of_action
 from wheelchair_gym.maps import OccupancyGrid
-from wheelchair_gym.people.assistance.freedom import (
-    AssistMission,
-    Freedom,
-    Twist,
-    margin_of,
-    within_freedom,
+from wheelchair_gym.people.assistance.methods import (
+    TIME,
+    Direct,
+    SharedDwa,
+    Shielded,
+    Slide,
+    Teleop,
+    Vfh,
+    shared_dwa,
+    slide,
+    slowed,
+    vfh,
 )
-from wheelchair_gym.people.assistance.shared_dwa import SharedDwa, shared_dwa
-from wheelchair_gym.people.assistance.slide import Slide, slide
 from wheelchair_gym.people.assistance.state import (
     ASSISTANT,
     GROUPS,
     MORE_GROUPS,
     SCANNER,
+    AssistMission,
+    Freedom,
+    Twist,
     assistant_at,
     look,
+    margin_of,
+    within_freedom,
 )
-from wheelchair_gym.people.assistance.teleop import TIME, Direct, Shielded, Teleop, slowed
-from wheelchair_gym.people.assistance.vfh import Vfh, vfh
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sim.settings import ChairSettings
 from wheelchair_gym.types import Reading, Stick
