@@ -56,7 +56,7 @@ def second(x):
 """
 HEAD = """
 import numba.core.event as event
-from wheelchair_gym.compiled.progress import progress
+from wheelchair_gym.compiled.second_process import progress
 from toy import high, laid, low, middle
 class Count(event.Listener):
     names = []

@@ -38,7 +38,7 @@ from wheelchair_gym.types import Episode
 
 def simulate(given: argparse.Namespace) -> int:
     """Drive one episode and report it."""
-    from wheelchair_gym.rendering.legend import scene_entries, with_legend
+    from wheelchair_gym.rendering.picture import scene_entries, with_legend
 
     arguments.check_assist(given)
     settings, name = arguments.env_of(given), given.policy

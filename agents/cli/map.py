@@ -19,7 +19,7 @@ from wheelchair_gym.perception.logs import LASER, read_log
 from wheelchair_gym.perception.slam import Slam, SlamSettings
 from wheelchair_gym.recording.replay import sensor_log
 from wheelchair_gym.rendering import draw_map, write_png
-from wheelchair_gym.rendering.legend import MAP_ENTRIES, with_legend
+from wheelchair_gym.rendering.picture import MAP_ENTRIES, with_legend
 
 
 def run(given: argparse.Namespace) -> int:

@@ -142,9 +142,8 @@ def _link(given: argparse.Namespace, driver: Any) -> Any:
     """Return the link that commands the chair: a rosbridge server, a client of one, or DDS."""
     from agents.robot import COMMAND, COMMAND_TYPES, SERVICES
     from wheelchair_gym.hardware.registry import chair_settings
+    from wheelchair_gym.hardware.ros import rosbridge
     from wheelchair_gym.hardware.ros.dds import DdsLink, domain_number
-    from wheelchair_gym.hardware.ros.rosbridge import Rosbridge, is_local, read_token
-    from wheelchair_gym.hardware.ros.server import RosbridgeServer
     from wheelchair_gym.hardware.ros.settings import RosSettings
 
     link: Any
@@ -157,17 +156,17 @@ def _link(given: argparse.Namespace, driver: Any) -> Any:
         link = DdsLink(given.host, domain, driver.command, driver.left, driver.config.namespace)
         for kind in COMMAND_TYPES:
             link.subscribe(command, kind.replace("/", "/msg/"))
-        if is_local(given.host):
+        if rosbridge.is_local(given.host):
             _log("ROS 2 on this machine finds it with ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST")
     elif given.rosbridge is not None:
         other = chair_settings(chair_spec(given.rosbridge))
         if not isinstance(other, RosSettings):
             raise InputError(f"--rosbridge {given.rosbridge}: expected ros://HOST:PORT")
-        link = Rosbridge(other.host, other.port, driver.command, other.link)
+        link = rosbridge.Rosbridge(other.host, other.port, driver.command, other.link)
         link.subscribe(command, COMMAND_TYPES[given.stamped])
     else:
-        token = "" if given.token_file is None else read_token(given.token_file)
-        link = RosbridgeServer(
+        token = "" if given.token_file is None else rosbridge.read_token(given.token_file)
+        link = rosbridge.RosbridgeServer(
             given.host, given.port, driver.command, driver.left, token, given.tls
         )
         link.listens[command] = COMMAND_TYPES

@@ -44,7 +44,7 @@ from agents.studies.plan_pictures import SHORTENS, PlanPictures
 from agents.watch import Watch
 from wheelchair_gym.base.files import atomic_write
 from wheelchair_gym.base.settings import InputError, dump, suggest
-from wheelchair_gym.rendering.legend import with_legend
+from wheelchair_gym.rendering.picture import with_legend
 from wheelchair_gym.rendering.video import video_suffix, write_video
 from wheelchair_gym.scenes.arena import Doorway
 

@@ -16,11 +16,9 @@ import numpy as np
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.maps import OccupancyGrid
-from wheelchair_gym.people.assistance.arcs import free_share
-from wheelchair_gym.people.assistance.freedom import AssistMission, Freedom, Twist
-from wheelchair_gym.people.assistance.shared_dwa import STEP
+from wheelchair_gym.people.assistance.methods import STEP, Shielded, free_share
+from wheelchair_gym.people.assistance.state import AssistMission, Freedom, Twist
 from wheelchair_gym.people.assistance.step import Assistants
-from wheelchair_gym.people.assistance.teleop import Shielded
 from wheelchair_gym.types import Reading, Stick
 
 __all__ = [

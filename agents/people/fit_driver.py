@@ -31,14 +31,14 @@ from wheelchair_gym.base.settings import InputError, dump
 from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.geometry.planar import body_to_world
 from wheelchair_gym.people.drivers import make_driver
-from wheelchair_gym.people.drivers.interfaces import (
+from wheelchair_gym.people.drivers.settings import Driver, Hand, ProportionalStick, Switches
+from wheelchair_gym.people.drivers.state import TICK_RATE, tremor_filter
+from wheelchair_gym.people.drivers.step import (
     beyond_dead_zone,
     push_through,
     smoothing_share,
     weaken,
 )
-from wheelchair_gym.people.drivers.settings import Driver, Hand, ProportionalStick, Switches
-from wheelchair_gym.people.drivers.state import TICK_RATE, tremor_filter
 
 TICK = 1.0 / TICK_RATE  # s
 MIN_RATE = 25.0  # Hz: sessions recorded more slowly show a tremor at wrong frequencies

@@ -31,16 +31,16 @@ from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry import planar
 from wheelchair_gym.geometry.kinematics import arc_step
-from wheelchair_gym.people.assistance.arcs import follow_arc
-from wheelchair_gym.people.assistance.freedom import Sharing
-from wheelchair_gym.people.assistance.shared_dwa import (
+from wheelchair_gym.people.assistance.methods import (
     CLEAR,
     SPEEDS,
     STEP,
     STEPS,
     TURNS,
+    follow_arc,
     time_to_stop,
 )
+from wheelchair_gym.people.assistance.state import Sharing
 
 SAME = 0.6  # m: a target so near one of before is the same
 FORGET = 0.2  # 1/s, a choice: the belief returns to an even one, as people change their minds

@@ -161,7 +161,7 @@ class WarmUp:
 
     def _run(self) -> None:
         try:
-            from wheelchair_gym.compiled.progress import progress
+            from wheelchair_gym.compiled.second_process import progress
             from wheelchair_gym.sim.step import step_chair
             from wheelchair_gym.task.assessment import assess
 
@@ -196,7 +196,7 @@ def compile_in_process() -> None:
 
     It prints a line for each kernel, and FIRST_DONE between the first drive and the rest.
     """
-    from wheelchair_gym.compiled.progress import progress
+    from wheelchair_gym.compiled.second_process import progress
 
     studio = os.getppid()
 

@@ -27,8 +27,7 @@ from wheelchair_gym import InputError
 from wheelchair_gym.geometry.kinematics import DriveGeometry
 from wheelchair_gym.hardware.ros import make_messages
 from wheelchair_gym.hardware.ros import messages as ros
-from wheelchair_gym.hardware.ros.rosbridge import Rosbridge
-from wheelchair_gym.hardware.ros.server import RosbridgeServer, strict
+from wheelchair_gym.hardware.ros.rosbridge import Rosbridge, RosbridgeServer, strict
 from wheelchair_gym.hardware.ros.settings import RosbridgeSettings
 from wheelchair_gym.recording.replay import read_recording
 from wheelchair_gym.scenes import make_scene
@@ -172,7 +171,7 @@ def test_silence_stops_it_and_is_said(robot, way):
 def test_a_flood_is_cut_off(monkeypatch, caplog):
     """However slow a machine is: by a clock that stands still."""
     standing = SimpleNamespace(monotonic=lambda: 0.0)
-    monkeypatch.setattr("wheelchair_gym.hardware.ros.server.time", standing)
+    monkeypatch.setattr("wheelchair_gym.hardware.ros.rosbridge.time", standing)
     taken, left = [], []
     with closing(
         RosbridgeServer("127.0.0.1", 0, lambda *m: taken.append(m) or "", left.append)

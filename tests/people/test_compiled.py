@@ -12,18 +12,19 @@ from wheelchair_gym.envs import NavigationVectorEnv
 from wheelchair_gym.geometry.kinematics import arc_step
 from wheelchair_gym.geometry.outline import Footprint, signed_gap
 from wheelchair_gym.people.assistance import COMPILED, make_compiled
-from wheelchair_gym.people.assistance.arcs import follow_arc
-from wheelchair_gym.people.assistance.freedom import DOCKING_MARGIN, Freedom
-from wheelchair_gym.people.assistance.shared_dwa import (
+from wheelchair_gym.people.assistance.methods import (
     HEADING_WEIGHT,
     SPEED_WEIGHT,
     SPEEDS,
     STEP,
     STEPS,
     TURNS,
+    follow_arc,
+    nearest_twist,
     time_to_stop,
+    write_constraints,
 )
-from wheelchair_gym.people.assistance.slide import nearest_twist, write_constraints
+from wheelchair_gym.people.assistance.state import DOCKING_MARGIN, Freedom
 from wheelchair_gym.people.assistance.step import KINDS, Assistants
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 from wheelchair_gym.sim.settings import ChairSettings

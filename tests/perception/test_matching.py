@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.perception.rooms import LASER, mapped, ranges
-from wheelchair_gym.perception import scan_matching
+from wheelchair_gym.perception import slam
 from wheelchair_gym.perception.occupancy import OccupancyMap, read_scan
 from wheelchair_gym.sensors.settings import LaserSettings
 
@@ -19,19 +19,17 @@ def known():
 def match(maps, scan, guess, prior=None):
     """Lay a scan onto a map near a guess (3,), as SLAM does where its own guess is poor."""
     unit, best, end = maps.settings.resolution, np.empty(3), np.empty(3)
-    maps.grow_to(guess, scan.radius + scan_matching.SEARCH_WINDOW)
-    points = (
-        scan_matching.thin_scan(scan, scan_matching.POINT_SPACING, scan_matching.MAX_POINTS) / unit
-    )
+    maps.grow_to(guess, scan.radius + slam.SEARCH_WINDOW)
+    points = slam.thin_scan(scan, slam.POINT_SPACING, slam.MAX_POINTS) / unit
     scale = np.outer((unit, unit, 1.0), (unit, unit, 1.0))
     told = np.zeros((3, 3)) if prior is None else np.linalg.inv(prior) * scale
     told = tuple(told[np.triu_indices(3)])
-    begin, how = maps.to_lattice(guess), scan_matching.matcher(unit)
+    begin, how = maps.to_lattice(guess), slam.matcher(unit)
     field = maps.layers.field[0]
-    scan_matching.search(field, points, begin, told, how, maps.workspace.pooled, best)
-    _, (xx, xy, xt, yy, yt, tt) = scan_matching.refine(field, points, best, begin, told, how, end)
+    slam.search(field, points, begin, told, how, maps.workspace.pooled, best)
+    _, (xx, xy, xt, yy, yt, tt) = slam.refine(field, points, best, begin, told, how, end)
     covariance = np.linalg.inv([(xx, xy, xt), (xy, yy, yt), (xt, yt, tt)]) * scale
-    off = [scan_matching.misfit(field, points[k : k + 1], *end) ** 0.5 for k in range(len(points))]
+    off = [slam.misfit(field, points[k : k + 1], *end) ** 0.5 for k in range(len(points))]
     score = 1.0 - np.mean(off) if off else 0.0
     return SimpleNamespace(pose=maps.from_lattice(end), covariance=covariance, score=score)
 
@@ -78,7 +76,7 @@ def test_which_echoes_are_kept_is_not_for_noise_to_choose():
     off = []
     for _ in range(100):
         seen = 1.5 / np.cos(np.where(wall, angle, 0.0)) + 0.015 * rng.standard_normal(len(angle))
-        kept = scan_matching.thin_scan(read_scan(laser, np.where(wall, seen, np.inf)), 0.03, 10_000)
+        kept = slam.thin_scan(read_scan(laser, np.where(wall, seen, np.inf)), 0.03, 10_000)
         at = np.arctan2(kept[:, 1], kept[:, 0])
         error = np.hypot(*kept.T) - 1.5 / np.cos(at)
         off.append([error[at < -0.2].mean(), error[at > 0.2].mean()])
@@ -91,7 +89,7 @@ def test_the_search_finds_the_best_of_its_whole_lattice(known):
     rng = np.random.default_rng(4)
     field, wide = known.layers.field[0], known.workspace.pooled
     window, turns, step, spread = 3, 2, 0.05, 0.5
-    how = scan_matching.Matcher(spread, 0, window, turns, step, 0.0)
+    how = slam.Matcher(spread, 0, window, turns, step, 0.0)
     told = (0.02, 0.0, 0.0, 0.02, 0.0, 30.0)
     for _ in range(5):
         truth = np.array([rng.uniform(-1, 1), rng.uniform(-0.5, 0.5), rng.uniform(-3, 3)])
@@ -99,7 +97,7 @@ def test_the_search_finds_the_best_of_its_whole_lattice(known):
         points = scan.echoes[::9] / known.settings.resolution
         guess = known.to_lattice(truth + rng.uniform(-0.1, 0.1, 3))
         out = np.empty(3)
-        minimum = scan_matching.search(field, points, guess, told, how, wide, out)
+        minimum = slam.search(field, points, guess, told, how, wide, out)
         best = np.inf
         span = -(-(2 * window + 1) // 3) * 3
         for t in np.arange(-turns, turns + 1) * step:

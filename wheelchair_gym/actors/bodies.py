@@ -28,7 +28,7 @@ from wheelchair_gym.actors.records import (
     first_heading,
 )
 from wheelchair_gym.base.arrays import Array
-from wheelchair_gym.compiled.address import doubles_at, integers_at, rows_of, table_at
+from wheelchair_gym.compiled.address import doubles_at, integers_at, read_record, rows_of, table_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.engine import (
     ANGLE,
@@ -54,38 +54,7 @@ from wheelchair_gym.engine import (
 )
 from wheelchair_gym.geometry.planar import point_to_world, world_to_body, wrap
 
-ACTOR_STATE = np.dtype(
-    [
-        ("body", "u8"),  # addresses of the cpBody and of its cpShape
-        ("shape", "u8"),
-        ("slot", "i8"),  # row of its disc, or of its first segment, behind those that stay
-        ("pose", "f8", (3,)),  # m, m, rad: after the last physics step
-        ("twist", "f8", (3,)),  # m/s, m/s, rad/s: before it
-        ("preferred_velocity", "f8", (2,)),  # m/s: the velocity that a person has chosen
-        ("waypoint", "i8"),  # way point
-        ("direction", "i8"),  # 1, or -1: back along the route
-        ("blocked_for", "f8"),  # s without getting on
-        ("opening", "f8"),  # share of a door's travel
-        ("opening_target", "f8"),  # the same, to be reached
-        ("is_present", "b1"),  # an obstacle that has appeared and is not gone
-        ("is_gone", "b1"),
-        ("present_until", "f8"),  # s: when it goes
-        ("judged_at", "i8"),  # tick at which its contact with the chair was judged; or NEVER
-        ("relocate", "i8"),  # an obstacle is to be put: 1 where it belongs, 2 away
-        ("in_space", "b1"),
-        ("moved", "f8"),  # m: how far its points move at most in the coming physics step
-        ("clear", "f8"),  # m: how far they may move before any can touch a wall or disc that stays
-        ("free", "f8"),  # m: the same of another actor, which may move as far
-        ("measured_at", "i8"),  # tick at which `clear` was measured
-        ("touchable_at", "i8"),  # tick before which it could last touch something
-        ("heading", "f8"),  # rad: of a person
-        ("facing", "f8"),  # rad: the heading that they want
-        ("turn_rate", "f8"),  # rad/s, of one who walks by the social force model
-        ("lasts_until", "f8"),  # s: until when they cut in or react to the chair
-        ("begins_again", "f8"),  # s: from when on they may do so again
-    ],
-    align=True,
-)
+ACTOR_STATE = read_record("ACTOR_STATE", globals())[0]
 
 NEVER = -(1 << 40)  # a tick long before any
 PARKING = 1e4  # m: where no wall is

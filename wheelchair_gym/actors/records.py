@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from wheelchair_gym.base.arrays import Array, Rows
 from wheelchair_gym.base.errors import shorten
 from wheelchair_gym.base.settings import FARTHEST, InputError
-from wheelchair_gym.compiled.address import as_array
+from wheelchair_gym.compiled.address import as_array, read_record
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry.planar import polygon_edges, to_world
 
@@ -59,33 +59,7 @@ PLACES_OF_GROUP: Final = ((0.0, ABREAST),), ((_AHEAD, ABREAST), (_AHEAD, -ABREAS
     (_AHEAD, ABREAST), (_AHEAD, -ABREAST), (-0.8, 0.0)
 )  # fmt: skip
 
-ACTOR = np.dtype(
-    [
-        ("kind", "i8"),
-        ("pose", "f8", (3,)),  # m, m, rad at the beginning: the centre; of a door: its hinge, shut
-        ("size", "f8", (2,)),  # m: radius and 0; length and width of a box or of a leaf
-        ("mass", "f8"),  # kg; inf: nothing moves it but itself
-        ("friction", "f8"),  # on the floor
-        ("speed", "f8"),  # m/s, or rad/s of a leaf that swings
-        ("avoids", "i8"),  # NOBODY, PEOPLE, EVERYBODY
-        ("first", "i8"),  # of its way points, in the table of routes
-        ("points", "i8"),  # that its route has
-        ("patience", "f8"),  # s without getting on, after which a person turns back
-        ("travel", "f8"),  # of a leaf: rad that it swings, or m that it slides, signed
-        ("swings", "b1"),
-        ("near", "f8"),  # m: a door opens, an obstacle appears, for anyone as near as this
-        ("minimum", "f8"),  # m: nearer to the chair's outline no obstacle appears, no leaf moves
-        ("since", "f8"),  # s: from when on
-        ("stay", "f8"),  # s: how long a door is open, or an obstacle there
-        ("every", "f8"),  # s: period of a door's timetable; inf: once
-        ("model", "i8"),  # ORCA, SOCIAL_FORCE
-        ("behaviour", "i8"),  # WALKS, PAUSES, ...
-        ("reaction", "i8"),  # REGULAR, CURIOUS, ...
-        ("leader", "i8"),  # rows back to the actor that leads its group, or pushes it; 0: none
-        ("offset", "f8", (2,)),  # m: ahead of that person, or of the chair, and to the left
-    ],
-    align=True,
-)
+ACTOR = read_record("ACTOR", globals())[0]
 
 
 class Actors(NamedTuple):

@@ -9,7 +9,10 @@ in every copy of the record. Arrays that come from outside pass `as_array` first
 from __future__ import annotations
 
 import copy
+import re
+import tomllib
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
@@ -94,6 +97,28 @@ def pointer_record(*fields: tuple[Any, ...]) -> tuple[np.dtype[Any], dict[str, T
     targets = {name: kind for name, kind, *_ in fields if isinstance(kind, Target)}
     plain = [(name, "u8") if name in targets else (name, *rest) for name, *rest in fields]
     return np.dtype(plain, align=True), targets
+
+
+def read_record(name: str, names: Mapping[str, Any]) -> tuple[np.dtype[Any], dict[str, Target]]:
+    """Read the fields of a record from the TOML file beside a module; returns `pointer_record`.
+
+    A field is a type and a shape: "f8", "f8[3]", "TRACK[TRACKS]". With "&" it is the address of
+    such an array, of any length along ":". A field "*" stands for all fields of its type.
+
+    Args:
+        name: of the record.
+        names: the module's globals: they hold the types and lengths that the file names.
+    """
+    file, fields = Path(names["__file__"]).with_suffix(".toml"), list[tuple[Any, ...]]()
+    for field, text in tomllib.loads(file.read_text("utf-8"))[name].items():
+        kind, *lengths = re.findall(r"\w+|:", text)
+        kind, sides = names.get(kind, kind), (names.get(length, length) for length in lengths)
+        shape = tuple(None if side == ":" else int(side) for side in sides)
+        if field == "*":
+            fields += kind.descr
+        else:
+            fields.append((field, Target(kind, *shape)) if "&" in text else (field, kind, shape))
+    return pointer_record(*fields)
 
 
 class Pointers:

@@ -31,8 +31,7 @@ from numba.core.environment import lookup_environment
 from numba.core.registry import CPUDispatcher, CPUTarget, cpu_target
 
 from wheelchair_gym.compiled.clock import standing_still
-from wheelchair_gym.compiled.progress import progress
-from wheelchair_gym.compiled.second_process import locked
+from wheelchair_gym.compiled.second_process import locked, progress
 
 _ENVIRONMENT = "_ZN08NumbaEnv"  # how numba's names of environments begin
 

@@ -9,12 +9,11 @@ import numpy as np
 
 from wheelchair_gym.base.arrays import Floats, Mask
 from wheelchair_gym.compiled.address import (
-    Target,
     field_at,
     flags_at,
     floats_at,
     keys_at,
-    pointer_record,
+    read_record,
     rows_of,
     table_at,
 )
@@ -46,22 +45,7 @@ from wheelchair_gym.task.observations import take_stick
 from wheelchair_gym.task.prepared_episode import PREPARED
 from wheelchair_gym.task.rewards import has_arrived
 
-# What one thread steps rows of a batch with: chairs, their worlds and their tasks.
-BATCH, BATCH_TARGETS = pointer_record(
-    ("n", "i8"),  # rows of the batch
-    ("actions", Target("f8", None, 2)),  # (n, 2) in [-1, 1]; with assistants, residuals
-    ("task", Target(TASK, 1)),
-    ("chairs", Target(CHAIRS, 1)),  # with the workspace of the thread
-    ("shields", Target(SHIELDS, 1)),  # of no rows where there are none
-    ("drivers", Target(DRIVERS, 1)),  # of no rows where nobody drives
-    ("assistants", Target(ASSISTANTS, 1)),  # of no rows where there are none
-    ("unshielded", "f8"),  # share of episodes without
-    ("next_prepared", Target(PREPARED, None)),  # of each row's next episode
-    ("keys", Target("u8", None)),  # of the next episodes' randomness
-    ("is_over", Target("b1", None)),  # the episode has ended in an earlier step
-    ("ranges", Target("f4", None)),  # of one scan, overwritten by the next
-    ("beams", "i8"),
-)
+BATCH, BATCH_TARGETS = read_record("BATCH", globals())
 _task_at, _chairs_at, _shields_at, _prepared_at = map(rows_of, (TASK, CHAIRS, SHIELDS, PREPARED))
 _drivers_at, _assistants_at = rows_of(DRIVERS), rows_of(ASSISTANTS)
 _batches_at, _results_at = rows_of(BATCH), rows_of(RESULTS)

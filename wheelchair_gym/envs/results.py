@@ -16,7 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.base.arrays import Floats, Mask, Rows
-from wheelchair_gym.compiled.address import Pointers, Target, flags_at, pointer_record, rows_of
+from wheelchair_gym.compiled.address import (
+    Pointers,
+    flags_at,
+    read_record,
+    rows_of,
+)
 from wheelchair_gym.compiled.kernel import inlined
 from wheelchair_gym.safety.state import DECISION, REASONS
 from wheelchair_gym.signals import READING, TRUTH
@@ -27,12 +32,7 @@ from wheelchair_gym.task.task import Observation, Task
 if TYPE_CHECKING:
     from wheelchair_gym.safety.shield import Decision
 
-# Memory that a step writes, by address.
-RESULTS, RESULTS_TARGETS = pointer_record(
-    ("block", Target("u1", None)),  # (n * ROW_SIZE,)
-    ("out", Target("f4", None, None)),  # (n, numbers): observations
-    ("numbers", "i8"),  # of an observation
-)
+RESULTS, RESULTS_TARGETS = read_record("RESULTS", globals())
 _REASONS = np.array(REASONS)
 _TRIED = 3  # results that are looked at before new ones are made
 _FEWEST, _MAXIMUM, _BYTES = 4, 256, 1 << 26  # results that are remembered, and their size

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wheelchair_gym.base.arrays import Array, Mask
+from wheelchair_gym.compiled.address import read_record
 from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel, kernel
 from wheelchair_gym.maps.distance import extend_field, rows_equal
 from wheelchair_gym.maps.grid import OccupancyGrid
@@ -27,17 +28,7 @@ Index = NDArray[np.int32]
 Records = NDArray[np.void]
 
 RUN = np.dtype([("first", np.int32), ("last", np.int32)])  # columns
-GATE = np.dtype(
-    [
-        ("row", np.int32),
-        ("col", np.int32),
-        ("east", np.int32),  # 1 or -1: the blocked corner lies in this column beside it ...
-        ("north", np.int32),  # ... and in this row
-        ("way", np.float32),  # length of the shortest path so far
-        ("root", np.int32),  # the bend from which that path comes
-        ("place", np.int32),  # in the queue; 0: not in it
-    ]
-)
+GATE = read_record("GATE", globals())[0]
 
 
 class Terrain(NamedTuple):
@@ -159,25 +150,8 @@ _SLACK = 0.8  # cells
 _NEAR = 6.0  # rows
 
 
-_BEND = np.dtype(
-    [
-        ("x", np.float32),
-        ("y", np.float32),
-        ("way", np.float32),  # from there to the goal
-        ("next", np.int32),  # the bend after it, -1 at the goal
-        ("turn", np.int32),  # 1 to the left, -1 to the right, 0 at the goal
-    ]
-)
-_WEDGE = np.dtype(  # a visible sector that has still to enter a row
-    [
-        ("row", np.int32),
-        ("first", np.int32),  # columns of the run that it comes from
-        ("last", np.int32),
-        ("low", np.float64),  # slopes: columns per row
-        ("high", np.float64),
-    ],
-    align=True,
-)
+_BEND = read_record("_BEND", globals())[0]
+_WEDGE = read_record("_WEDGE", globals())[0]
 
 
 class Sector(NamedTuple):

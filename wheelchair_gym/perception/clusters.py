@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from wheelchair_gym.base.arrays import Floats, Rows
-from wheelchair_gym.compiled.address import field_at, floats_at, rows_of
+from wheelchair_gym.compiled.address import field_at, floats_at, read_record, rows_of
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.geometry.planar import point_to_world, world_to_body
 from wheelchair_gym.perception.track_state import CLUSTERS, FRAMES, PERSON_WIDTH, SECTORS
@@ -55,38 +55,8 @@ RADII = (0.04, 0.45)  # m
 _BODY = 0.25  # m: radius of what is seen in part, and width of people at least
 _MAX_HITS = 3  # that such a width must have, or as many as its beams
 
-HIT_ROW = np.dtype(
-    [
-        ("x", "f4"),  # m: in the laser's frame
-        ("y", "f4"),
-        ("r", "f4"),
-        ("beam", "i4"),
-        ("place", "i4"),  # FREE, UNSURE or STATIC
-        ("owner", "i4"),  # nearest confirmed track, or -1
-    ]
-)
-CLUSTER = np.dtype(
-    [
-        ("low", "f8"),  # bearings of its edges [rad]
-        ("high", "f8"),
-        ("mean", "f8"),  # m: mean range
-        ("width", "f8"),  # m
-        ("radius", "f8"),  # m
-        ("x", "f8"),  # m: its centre in the frame of dead reckoning
-        ("y", "f8"),
-        ("variance", "f8"),  # m2: of the centre, along each axis
-        ("free", "f8"),  # share of its hits whose place was free
-        ("ends", "f8", (4,)),  # m: its first and last hit there
-        ("owner", "i8"),  # confirmed track that is nearest to it, or -1
-        ("low_hidden", "b1"),  # something nearer hides that side
-        ("high_hidden", "b1"),
-        ("straight", "b1"),
-        ("legs", "b1"),
-        ("attached", "b1"),  # it hangs on something static
-        ("taken", "b1"),  # a track is continued by it
-    ],
-    align=True,
-)
+HIT_ROW = read_record("HIT_ROW", globals())[0]
+CLUSTER = read_record("CLUSTER", globals())[0]
 hits_at, clusters_at = rows_of(HIT_ROW), rows_of(CLUSTER)
 
 

@@ -12,8 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 from wheelchair_gym.base.settings import InputError
-from wheelchair_gym.compiled.address import Pointers, pointer_record
-from wheelchair_gym.compiled.address import Target as To
+from wheelchair_gym.compiled.address import Pointers, read_record
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.sensors.laser import LaserArrays
 from wheelchair_gym.sensors.settings import LaserSettings
@@ -31,26 +30,8 @@ ACCELERATION_DENSITY = 1.0
 PERSON_WIDTH = 0.9  # m: widest track that can be a person, with shoulders and swinging arms
 
 _F8 = "f8"
-CONSTANTS, _LASER = pointer_record(
-    ("beams", "i8"),
-    ("group", "i8"),  # beams per sector
-    ("sectors", "i8"),
-    ("cosine", To("f4", None)),  # of each beam's direction (beams,)
-    ("sine", To("f4", None)),
-    ("first", _F8),  # rad: of beam 0
-    ("per_angle", _F8),  # beams per rad
-    ("nearest", _F8),  # m
-    ("reach", _F8),  # m
-    ("mount", _F8, (3,)),  # pose of the laser
-)
-
-STATIC_MAP, _FIELD = pointer_record(
-    ("gap", To("f4", None, None)),  # m: from each cell's centre to the nearest occupied one
-    ("rows", "i8"),  # 0: there is no map
-    ("cols", "i8"),
-    ("per_metre", _F8),  # cells
-    ("origin", _F8, (3,)),  # m, m, rad
-)
+CONSTANTS, _LASER = read_record("CONSTANTS", globals())
+STATIC_MAP, _FIELD = read_record("STATIC_MAP", globals())
 
 # A scan where it was taken: the laser's place, cosine and sine of its yaw, and the nearest range of
 # each sector [m].
@@ -58,48 +39,8 @@ FRAME = np.dtype(
     [*((name, _F8) for name in ("stamp", "x", "y", "c", "s")), ("range", "f4", (SECTORS,))]
 )
 
-TRACK = np.dtype(
-    [
-        ("id", "i8"),
-        *((name, _F8) for name in ("x", "y", "vx", "vy")),  # m, m/s
-        # Variances of place and speed and their covariance: the same along each axis.
-        *((name, _F8) for name in ("place_var", "covariance", "speed_var")),
-        ("radius", _F8),  # m
-        ("width", _F8),  # m: of its cluster
-        ("born", _F8),  # stamps [s]: when it was first seen,
-        ("seen", _F8),  # was last seen
-        ("moved", _F8),  # and last moved; -inf: never
-        ("moving_for", _F8),  # s
-        ("passed_for", _F8),  # s for which the laser has seen through its place
-        *((name, _F8) for name in ("first_x", "first_y", "rest_x", "rest_y")),  # m
-        ("travelled", _F8),  # m: greatest distance from where it was first seen
-        ("ends", _F8, (4,)),  # m: of a straight thing as it was first seen
-        ("straight", _F8),  # share of the last readings in which it was straight
-        ("attached", _F8),  # and in which it hung on something static
-        ("confirmed", "b1"),
-        ("swings", "b1"),  # one of its ends has stayed while the other turned about it
-        ("hidden", "b1"),  # something nearer hides it, or the laser does not look there
-        ("kind", "i8"),  # index into KINDS
-    ],
-    align=True,
-)
-
-TRACKER = np.dtype(
-    [
-        ("begun", "b1"),
-        ("stamp", _F8),  # s
-        ("pose", _F8, (3,)),  # dead-reckoned since reset
-        ("twist", _F8, (2,)),  # m/s, rad/s: the last one known
-        ("map_pose", _F8, (3,)),  # by the chair's own estimate
-        ("next_id", "i8"),
-        ("n_tracks", "i8"),
-        ("tracks", TRACK, (TRACKS,)),
-        ("n_frames", "i8"),
-        ("newest", "i8"),  # the frame that was remembered last
-        ("frames", FRAME, (FRAMES,)),
-    ],
-    align=True,
-)
+TRACK = read_record("TRACK", globals())[0]
+TRACKER = read_record("TRACKER", globals())[0]
 
 
 class TrackerConstants(Pointers):

@@ -18,7 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.base.arrays import Array, Floats, Rows
-from wheelchair_gym.compiled.address import Pointers, Target, on_stack, pointer_record, rows_of
+from wheelchair_gym.compiled.address import (
+    Pointers,
+    on_stack,
+    read_record,
+    rows_of,
+)
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.geometry.kinematics import arc_step
 from wheelchair_gym.geometry.planar import wrap
@@ -364,13 +369,7 @@ def update(g: Any, s: Any, m: Any, pose: Any, twist: Any, laser: Floats, stamp: 
         s.frames[s.newest] = now
 
 
-# Rows of trackers by address: a call takes a microsecond for each array.
-TRACKERS, _TARGETS = pointer_record(
-    ("n", "i8"),
-    ("constants", Target(CONSTANTS, 1)),
-    ("states", Target(TRACKER, None)),
-    ("static_maps", Target(STATIC_MAP, None)),  # one for each row
-)
+TRACKERS, _TARGETS = read_record("TRACKERS", globals())
 _constants_at, _states_at, _maps_at = rows_of(CONSTANTS), rows_of(TRACKER), rows_of(STATIC_MAP)
 
 

@@ -2,7 +2,7 @@
 
 A grid (`safety.grid`) holds when each cell was last seen, a list holds the points that the laser
 hit, and arcs hold the echoes that only ultrasonics have measured. `update` takes in a reading. What
-further scanners show is in `safety.further_scanners`.
+further scanners show is in `safety.faults`.
 """
 
 from __future__ import annotations
@@ -19,8 +19,7 @@ from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel, inlined
 from wheelchair_gym.geometry.kinematics import arc_step
 from wheelchair_gym.geometry.planar import point_to_world, world_to_body
 from wheelchair_gym.safety.agreement import add_lost, expected_echo, find_lost, is_doubted
-from wheelchair_gym.safety.faults import check_sensors
-from wheelchair_gym.safety.further_scanners import update_others
+from wheelchair_gym.safety.faults import check_sensors, update_others
 from wheelchair_gym.safety.grid import (
     Scan,
     beam_towards,
@@ -45,6 +44,7 @@ from wheelchair_gym.safety.state import (
     NOTHING,
     REST_SPEED,
     SAME,
+    STORED,
     UPDATE,
     Frame,
     set_motion,
@@ -246,7 +246,7 @@ def _keep_hits(g: Any, s: Any, scan: Scan, laser: Floats) -> None:
             continue
         s.hits[kept] = hit
         kept += 1
-        if hit.scans > 1.0 and n < FRESH + KEPT:
+        if hit.scans > 1.0 and n < STORED:
             points.x[n], points.y[n] = hit.x, hit.y
             points.stamp[n] = -math.inf  # of this scan alone: it is added again after each scan
             n += 1
@@ -304,7 +304,7 @@ def _find_medians(g: Any, s: Any, scan: Scan, laser: Floats, medians: Floats) ->
 @inlined
 def _put(work: Any, n: int, x: np.float32, y: np.float32) -> int:
     """Store a point in the laser's frame as the n-th, where it fits; how many there are then."""
-    if n < FRESH + KEPT:
+    if n < STORED:
         work.x[n], work.y[n] = x, y
         n += 1
     return n

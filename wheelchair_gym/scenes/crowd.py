@@ -24,9 +24,11 @@ from wheelchair_gym.scenes.arena import (
 )
 from wheelchair_gym.scenes.floor_plan import InBuilding
 from wheelchair_gym.scenes.layout import FloorLayout
-from wheelchair_gym.scenes.passages import PASSAGES, Passage, PassageName
 from wheelchair_gym.scenes.pedestrians import (
+    PASSAGES,
     BehaviourShares,
+    Passage,
+    PassageName,
     PeopleSettings,
     ReactionShares,
     draw_place,

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from wheelchair_gym.base.arrays import Array, Floats, Rows
-from wheelchair_gym.compiled.address import rows_of
+from wheelchair_gym.compiled.address import read_record, rows_of
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.compiled.random import ULTRASONIC, normal, uniform
 from wheelchair_gym.geometry.planar import body_to_world, point_to_world, world_to_body
@@ -41,18 +41,7 @@ LOSS = {
     "wide": (math.radians(80.0), math.radians(90.0)),
 }
 # One ranger; its standard deviation is drawn for each episode.
-RANGER = np.dtype(
-    [
-        ("number", "i8"),  # among the chair's rangers
-        ("mount", "f8", (3,)),  # m, m, rad in the chair's frame
-        ("slope", "f8"),  # tangent of half of the cone
-        ("reach", "f8"),  # m
-        ("blind", "f8"),  # m
-        ("ghosts", "f8"),  # share of firings
-        ("loss_from", "f8"),  # rad
-        ("loss_at", "f8"),  # rad
-    ]
-)
+RANGER = read_record("RANGER", globals())[0]
 rangers_at = rows_of(RANGER)
 
 

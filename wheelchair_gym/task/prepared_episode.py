@@ -10,15 +10,14 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.actors.records import ACTOR
+from wheelchair_gym.actors.records import ACTOR  # noqa: F401 for the record
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.settings import FARTHEST
 from wheelchair_gym.compiled.address import (
     Pointers,
-    Target,
     as_array,
     field_at,
-    pointer_record,
+    read_record,
     states_at,
     table_at,
 )
@@ -34,37 +33,7 @@ Aim = Literal["goal", "path", "field", "time"]  # measure of progress: the setti
 AIMS = get_args(Aim)
 GOAL, PATH, FIELD, TIME = range(4)  # in that order
 
-PREPARED, _TARGETS = pointer_record(
-    ("is_filled", "b1"),  # false: no episode; no kernel may receive the record
-    ("walls", Target("f8", None, 4)),  # m
-    ("discs", Target("f8", None, 3)),  # m
-    ("n_walls", "i8"),
-    ("n_discs", "i8"),
-    ("actors", Target(ACTOR, None)),
-    ("n_actors", "i8"),
-    ("routes", Target("f8", None, 2)),  # m
-    ("n_routes", "i8"),
-    ("start", "f8", (3,)),  # m, m, rad
-    ("goal", "f8", (3,)),
-    ("tolerance", "f8"),  # m
-    ("arrival", "f8", (4,)),  # `Arrival`, where the goal is a pose; else 0
-    ("time_limit", "f8"),  # s; NaN: computed from the distance to go
-    ("field", Target("f4", None, None)),  # m: distances to go (rows, cols)
-    ("rows", "i8"),
-    ("cols", "i8"),
-    ("origin", "f8", (3,)),  # m, m, rad: of its lower-left corner
-    ("resolution", "f8"),  # m
-    ("path", Target("f8", None, 2)),  # m: of the guidance (points, 2)
-    ("n_path_points", "i8"),  # 0: none
-    ("packed_states", Target("u4", None, None, None)),  # (state_rows, state_cols, n_headings)
-    ("state_rows", "i8"),  # 0: none
-    ("state_cols", "i8"),
-    ("n_headings", "i8"),
-    ("moves", Target("i4", None, None, 3)),  # (n_moves, n_headings, 3)
-    ("n_moves", "i8"),
-    ("state_cell", "f8"),  # m
-    ("state_origin", "f8", (3,)),  # m, m, rad
-)
+PREPARED, _TARGETS = read_record("PREPARED", globals())
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,7 +29,7 @@ from wheelchair_gym.base.arrays import Array, Floats, Rows
 from wheelchair_gym.base.errors import InputError, shorten
 from wheelchair_gym.base.registry import Registry, is_place
 from wheelchair_gym.base.settings import setting, setting_docs, settings
-from wheelchair_gym.compiled.address import table_at
+from wheelchair_gym.compiled.address import read_record, table_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel, check_written, kernel
 from wheelchair_gym.geometry.kinematics import twist_of_action
 from wheelchair_gym.geometry.planar import wrap
@@ -68,18 +68,7 @@ class RewardWeights:
 TERMS = tuple(field.name for field in dataclasses.fields(RewardWeights))
 TERM_VALUES = np.dtype([(name, "f8") for name in TERMS])
 
-VERDICT = np.dtype(
-    [
-        ("terms", TERM_VALUES),  # weighted
-        ("reward", "f8"),  # their sum
-        ("arrived", "b1"),  # by the chair's own estimate
-        ("terminated", "b1"),  # arrived or bumped
-        ("truncated", "b1"),  # out of time; with `terminated` only at `max_episode_steps`
-        ("valid_beams", "i8"),  # of the reading's scan
-        ("geodesic", "f8"),  # m, from the episode's start
-    ],
-    align=True,
-)
+VERDICT = read_record("VERDICT", globals())[0]
 
 
 def reward_table() -> str:

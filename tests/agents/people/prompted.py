@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from agents.people.recorded_stick import schedule
-from wheelchair_gym.people.drivers.interfaces import begin_signal, give_signal
 from wheelchair_gym.people.drivers.state import DRIVER, constants_of
+from wheelchair_gym.people.drivers.step import begin_signal, give_signal
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sim.settings import ChairSettings
 from wheelchair_gym.types import Stick

@@ -20,12 +20,12 @@ __all__ = ["COMPILED", "make_compiled"]
 COMPILED: Final = Registry(
     "assistant",
     {
-        "direct": "wheelchair_gym.people.assistance.teleop:Direct",
-        "shared_dwa": "wheelchair_gym.people.assistance.shared_dwa:SharedDwa",
-        "shield": "wheelchair_gym.people.assistance.teleop:Shielded",
-        "slide": "wheelchair_gym.people.assistance.slide:Slide",
-        "teleop": "wheelchair_gym.people.assistance.teleop:Teleop",
-        "vfh": "wheelchair_gym.people.assistance.vfh:Vfh",
+        "direct": "wheelchair_gym.people.assistance.methods:Direct",
+        "shared_dwa": "wheelchair_gym.people.assistance.methods:SharedDwa",
+        "shield": "wheelchair_gym.people.assistance.methods:Shielded",
+        "slide": "wheelchair_gym.people.assistance.methods:Slide",
+        "teleop": "wheelchair_gym.people.assistance.methods:Teleop",
+        "vfh": "wheelchair_gym.people.assistance.methods:Vfh",
     },
 )
 

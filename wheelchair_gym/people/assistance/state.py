@@ -1,53 +1,119 @@
-"""ASSISTANT, the record of a compiled assistant, and the obstacles that it remembers."""
+"""ASSISTANT, the record of a compiled assistant: its freedom, and the obstacles that it remembers.
+
+An assistant slows a chair or turns it, and no more: the speed lies between rest and that of the
+stick, and the turn rate lies between rest and the stick's, or beyond either by at most a freedom
+that shrinks with the stick's deflection. So a centred stick asks for rest, at once, whatever the
+assistant. A stick that is pulled back asks for a slow speed at most, whatever its deflection.
+"""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from wheelchair_gym.base.arrays import Array, Floats
-from wheelchair_gym.compiled.address import on_stack, rows_of, table_at
+from wheelchair_gym.base.settings import setting, settings
+from wheelchair_gym.compiled.address import on_stack, read_record, rows_of, table_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.compiled.simd import bits_of_float
-from wheelchair_gym.geometry.kinematics import arc_step
+from wheelchair_gym.geometry.kinematics import Limits, arc_step
 from wheelchair_gym.geometry.planar import world_to_body
 from wheelchair_gym.sensors.laser import shown_range
+from wheelchair_gym.sensors.settings import SensorSettings
+from wheelchair_gym.sim.settings import ChairSettings
+
+Twist = tuple[float, float]
+
+STEADY = 0.1  # maximum change of deflection of a steady stick
+DOCKING_MARGIN = 0.01  # m, kept once the stick has been low and steady, to reach a desk: assumed
+# Largest deflection forward of a low stick, and s for which it must be low and steady: assumed.
+_DOCKING_STICK, _DOCKING_TIME = 0.35, 1.0
+
+
+@settings
+class Freedom:
+    """An assistant's freedom, and its distance from obstacles."""
+
+    turn: float = setting(default=0.5, unit="rad/s", low=0.0, high=4.0)
+    """Largest turn rate beyond rest's and the stick's, at full deflection."""
+    backward: float = setting(
+        default=0.045, unit="m/s", low=0.0, high=2.0,
+        source="nothing looks back, and a contact below 0.05 m/s does no harm: docs, decisions",
+    )  # fmt: skip
+    """Largest speed backward that a stick asks for. The shield alone lets people back into what
+    nothing has seen at 0.1 m/s; with a scanner that looks back, set the chair's limit."""
+    margin: float = setting(
+        default=0.03, unit="m", low=0.0, high=1.0, source="more shuts doors of 0.80 m: derived"
+    )
+    """Distance to obstacles that it keeps."""
+
+
+@settings
+class Sharing:
+    """Settings of an assistant that shares control with a person."""
+
+    freedom: Freedom = Freedom()
+
+
+@dataclass(frozen=True)
+class AssistMission:
+    """Information for an assistant before a person drives: the chair, and nothing of the person."""
+
+    chair: ChairSettings
+    sensors: SensorSettings
+    period: float  # s, of control
+
+    @property
+    def limits(self) -> Limits:
+        """The chair's limits of speed and acceleration."""
+        return self.chair.limits
+
+
+@borrowing_kernel
+def margin_of(p: Any, a: Any, forward: float, left: float) -> float:
+    """The margin [m] that a row keeps, which a low and steady stick lowers.
+
+    A person who drives up to a thing turns to it, too: only the deflection forward counts.
+    """
+    f, moved = p.freedom, abs(forward - a.held[0]) > STEADY
+    if moved:
+        a.held[0], a.held[1] = forward, left
+    low = 0.0 < forward <= _DOCKING_STICK
+    a.steady = a.steady + p.period if low and not moved else 0.0
+    docks = a.steady >= _DOCKING_TIME
+    return float(min(f.margin, DOCKING_MARGIN) if docks else f.margin)
+
+
+@borrowing_kernel
+def within_freedom(twist: Twist, asked: Twist, turn: float, maximum: float) -> Twist:
+    """A twist, clipped to what may be made of the stick's [m/s, rad/s].
+
+    Args:
+        twist: that a method gives.
+        asked: the stick's; at rest, the answer is rest.
+        turn: how far the turn rate may lie beyond those between rest and the stick's.
+        maximum: the chair's limit of turn rates.
+    """
+    (v, w), (to_v, to_w) = twist, asked
+    if to_v == 0.0 and to_w == 0.0:
+        return 0.0, 0.0
+    v = min(max(v, min(0.0, to_v)), max(0.0, to_v))
+    w = min(max(w, min(0.0, to_w) - turn), max(0.0, to_w) + turn)
+    return v, min(maximum, max(-maximum, w))
+
 
 GROUPS = 128  # of beams of the first scanner: of each, the nearest is an obstacle
 MORE_GROUPS = 64  # of beams of all further scanners
 SECTORS = 64  # around the outline's middle: of each, the nearest out of sight is remembered
 MAXIMUM = GROUPS + MORE_GROUPS + SECTORS  # obstacles
 
-SCANNER = np.dtype(
-    [
-        ("mount", "f8", (4,)),  # m, m: place; cosine and sine of its yaw
-        ("view_cosine", "f8"),  # of half its field of view; 2: it does not show what is free
-        ("first", "i8"),  # its first beam in a scan
-        ("beams", "i8"),
-        ("groups", "i8"),  # of its beams
-    ],
-    align=True,
-)
+SCANNER = read_record("SCANNER", globals())[0]
 scanners_at = rows_of(SCANNER)
 
-ASSISTANT = np.dtype(
-    [
-        ("stamp", "f8"),  # s: of the latest reading; NaN: there was none yet
-        ("steady", "f8"),  # s for which the stick has been low and steady
-        ("held", "f8", (2,)),  # the stick from which it is
-        ("asked", "f8", (2,)),  # m/s, rad/s: the stick's twist
-        ("turn", "f8"),  # rad/s: by how much the turn rate may differ
-        ("margin", "f8"),  # m: that is kept
-        ("twist", "f8", (2,)),  # m/s, rad/s: what the method makes of it
-        ("n_points", "i8"),
-        ("points", "f8", (MAXIMUM, 2)),  # m: obstacles in the chair's frame, those seen first
-        ("n_seen", "i8"),  # of them
-        ("until", "f8", (SECTORS,)),  # s: stamp until which each of the others is remembered
-    ],
-    align=True,
-)
+ASSISTANT = read_record("ASSISTANT", globals())[0]
 
 
 assistant_rows = rows_of(ASSISTANT)

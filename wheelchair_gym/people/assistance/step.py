@@ -13,29 +13,41 @@ import numpy as np
 
 from wheelchair_gym.base.arrays import Array, Floats, Rows
 from wheelchair_gym.base.settings import copy_numbers, numbers_of
-from wheelchair_gym.compiled.address import Pointers, Target, pointer_record, prefetch, rows_of
+from wheelchair_gym.compiled.address import (
+    Pointers,
+    prefetch,
+    read_record,
+    rows_of,
+)
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry.kinematics import action_of_twist, twist_of_action
 from wheelchair_gym.maps import OccupancyGrid
-from wheelchair_gym.people.assistance.freedom import (
-    AssistMission,
-    Freedom,
-    Twist,
-    margin_of,
-    within_freedom,
+from wheelchair_gym.people.assistance.methods import (
+    TIME,
+    Direct,
+    SharedDwa,
+    Shielded,
+    Slide,
+    Teleop,
+    Vfh,
+    shared_dwa,
+    slide,
+    slowed,
+    vfh,
 )
-from wheelchair_gym.people.assistance.shared_dwa import SharedDwa, shared_dwa
-from wheelchair_gym.people.assistance.slide import Slide, slide
 from wheelchair_gym.people.assistance.state import (
     ASSISTANT,
     GROUPS,
     MORE_GROUPS,
     SCANNER,
+    AssistMission,
+    Freedom,
+    Twist,
     assistant_at,
     look,
+    margin_of,
+    within_freedom,
 )
-from wheelchair_gym.people.assistance.teleop import TIME, Direct, Shielded, Teleop, slowed
-from wheelchair_gym.people.assistance.vfh import Vfh, vfh
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sim.settings import ChairSettings
 from wheelchair_gym.types import Reading, Stick
@@ -44,28 +56,9 @@ STICK, TELEOP, VFH, SLIDE, SHARED_DWA = range(5)  # kinds of methods
 KINDS: Final = {
     Direct: STICK, Shielded: STICK, Teleop: TELEOP, Vfh: VFH, Slide: SLIDE, SharedDwa: SHARED_DWA,
 }  # fmt: skip
-CONSTANTS, _TARGETS = pointer_record(
-    ("kind", "i8"),  # of the method
-    ("method", numbers_of(*KINDS)),  # zero: the method has no such number
-    ("freedom", numbers_of(Freedom)),
-    ("period", "f8"),  # s: of control
-    ("forward", "f8"),  # m/s
-    ("backward", "f8"),
-    ("turn", "f8"),  # rad/s
-    ("deceleration", "f8"),  # m/s2
-    ("outline", "f8", (3,)),  # `Footprint.array`
-    ("middle", "f8"),  # m: of the outline, ahead of the axle
-    ("n_scanners", "i8"),
-    ("scanners", Target(SCANNER, None)),
-    ("directions", Target("f8", None, 2)),  # of all beams in the chair's frame
-)
-
-# Assistants by address, as the rows of drivers.
-ASSISTANTS, ASSISTANTS_TARGETS = pointer_record(
-    ("n", "i8"),  # 0: there are none
-    ("constants", Target(CONSTANTS, 1)),
-    ("assistants", Target(ASSISTANT, None)),
-)
+METHOD, FREEDOM = numbers_of(*KINDS), numbers_of(Freedom)
+CONSTANTS, _TARGETS = read_record("CONSTANTS", globals())
+ASSISTANTS, ASSISTANTS_TARGETS = read_record("ASSISTANTS", globals())
 _constants_at = rows_of(CONSTANTS)
 _SIZE = ASSISTANT.itemsize
 

@@ -2,7 +2,7 @@
 
 Who drives decides for themselves. What is simulated lies between an intended deflection and the
 chair: tremor, spasms, weakness, the dead zone of a stick, the delay of switches, or the scan that a
-single switch stops (`wheelchair_gym.people.drivers.interfaces`); and between the world and the
+single switch stops (`wheelchair_gym.people.drivers.step`); and between the world and the
 eyes: what is not shown, so that nobody can see it.
 """
 
@@ -18,10 +18,9 @@ from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.compiled.random import DRIVERS as CHANNEL
 from wheelchair_gym.compiled.random import uniform
 from wheelchair_gym.people.drivers.intention import NOTICED
-from wheelchair_gym.people.drivers.interfaces import begin_signal, give_signal
 from wheelchair_gym.people.drivers.settings import Driver, Perception, Scanning
 from wheelchair_gym.people.drivers.state import SECTORS, STICK, driver_row, signals_of
-from wheelchair_gym.people.drivers.step import Drivers
+from wheelchair_gym.people.drivers.step import Drivers, begin_signal, give_signal
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sim.settings import ChairSettings
 from wheelchair_gym.types import Stick

@@ -12,7 +12,7 @@ import numpy as np
 
 from wheelchair_gym.base.arrays import Array, Rows
 from wheelchair_gym.base.settings import InputError, copy_numbers, numbers_of
-from wheelchair_gym.compiled.address import Target, pointer_record, prefetch, rows_of
+from wheelchair_gym.compiled.address import prefetch, read_record, rows_of
 from wheelchair_gym.compiled.kernel import inlined
 from wheelchair_gym.people.drivers.settings import INTERFACES, Driver, Hand, Intention, Perception
 from wheelchair_gym.sensors.settings import SensorSettings
@@ -33,99 +33,9 @@ COMMAND_DELAY = (1.0, 4.0)  # s from intention to a brain-computer interface's c
 INTENTION, PERCEPTION, HAND = map(numbers_of, (Intention, Perception, Hand))
 INTERFACE = numbers_of(*INTERFACES.values())
 
-CONSTANTS = np.dtype(
-    [
-        ("intention", INTENTION),
-        ("perception", PERCEPTION),
-        ("hand", HAND),
-        ("interface", INTERFACE),  # zero: the kind has no such number
-        ("kind", "i8"),
-        ("way", "i8"),
-        ("latched", "b1"),  # signals of switches last
-        ("n_signals", "i8"),
-        ("signals", "f8", (SIGNALS, 2)),  # deflections forward and to the left; the first is rest
-        ("late", "f8", (SIGNALS,)),  # s until a signal takes effect, while the last one goes on
-        ("wait", "f8", (SIGNALS,)),  # s that the wait for it costs
-        ("slowness", "f8"),  # times a time to go at full speed, with few signals; a stick: 1
-        ("place", "i8", (SIGNALS, 2)),  # of a stick's signals, in their grid
-        ("coarse", "i8", (SIGNALS,)),  # 1: always weighed; others are where it matters
-        # the chair
-        ("period", "f8"),  # s: of control
-        ("ticks", "i8"),  # in a control period
-        ("sample_every", "i8"),  # ticks between two samples of a stick
-        ("forward", "f8"),  # m/s
-        ("backward", "f8"),
-        ("turn", "f8"),  # rad/s
-        ("outline", "f8", (3,)),  # `Footprint.array`
-        ("mount", "f8", (3,)),  # m, m, rad: of the first scanner
-        ("beams", "i8"),  # of it
-        ("first", "f8"),  # rad: of its first beam, in its frame
-        ("per_beam", "f8"),  # rad between two beams
-        # the tremor's filter: twice its pole's real part, its radius squared, and its gain
-        ("tremor_a", "f8"),
-        ("tremor_b", "f8"),
-        ("tremor_gain", "f8"),
-    ],
-    align=True,
-)
-
-DRIVER = np.dtype(
-    [
-        ("key", "u8"),  # of the episode's randomness
-        ("person", "i8"),  # who drives: place of the constants
-        ("tick", "i8"),  # since reset
-        ("clock", "f8"),  # s since reset
-        # the decision
-        ("decisions", "i8"),  # so far
-        ("decide_at", "f8"),  # s
-        ("mode", "i8"),  # GO, LOOK, ELSEWHERE or RETREAT
-        ("mode_until", "f8"),  # s
-        ("target", "f8", (2,)),  # m: of LOOK and ELSEWHERE
-        ("stuck", "f8"),  # s for which it has pushed in vain
-        ("expected", "f8"),  # rad/s: turn that it expects, as the chair follows what it asks for
-        ("surplus", "f8"),  # rad/s: turn beside what it asks for, as it has learned
-        ("lapse_until", "f8"),  # s
-        ("daring", "f8"),  # halvings of the clearance, after it has hesitated
-        ("clearance", "f8"),  # m: that it likes to keep now
-        ("manoeuvres", "b1"),  # near a goal that is a pose
-        ("horizon", "f8"),  # s: that it looks ahead now
-        ("fastest", "f8"),  # m/s: that it drives now with a stick
-        ("chosen", "i8"),  # the latest signal decided on
-        ("pending", "i8"),  # decisions that wait
-        ("pending_signal", "i8", (PENDING,)),
-        ("pending_at", "f8", (PENDING,)),  # s
-        ("intended", "i8"),  # the signal that the body is after
-        # hand and interface
-        ("hand", "f8", (2,)),
-        ("tremor", "f8", (2, 2)),  # the last two values, forward and to the left
-        ("burst_until", "f8"),  # s
-        ("burst", "f8", (2,)),
-        ("filtered", "f8", (2,)),
-        ("active", "i8"),  # the signal that switches give
-        ("switch_to", "i8"),  # the one that comes next; -1: none
-        ("switch_at", "f8"),  # s
-        ("scan", "i8"),  # the command that is lit; 0: none
-        ("resumed", "i8"),  # the signal that a command to turn gives way to
-        ("turn_from", "f8"),  # rad: heading at which a command to turn began
-        ("commanded", "f8"),  # s: of the latest command to turn
-        ("presses", "i8"),  # of switches, and commands, so far
-        # what the interface gives
-        ("stick", "f8", (2,)),  # forward and to the left, in [-1, 1]
-        ("latched", "b1"),  # it lasts without the person's doing
-        # of obstacles that are seen, in the chair's frame [m]
-        ("n_points", "i8"),
-        ("points", "f8", (SECTORS, 2)),
-    ],
-    align=True,
-)
-
-# People by address, as the shield's rows.
-DRIVERS, DRIVERS_TARGETS = pointer_record(
-    ("n", "i8"),  # 0: nobody drives
-    ("people", "i8"),  # one of them drives in an episode
-    ("constants", Target(CONSTANTS, None)),
-    ("drivers", Target(DRIVER, None)),
-)
+CONSTANTS = read_record("CONSTANTS", globals())[0]
+DRIVER = read_record("DRIVER", globals())[0]
+DRIVERS, DRIVERS_TARGETS = read_record("DRIVERS", globals())
 _constants_at, _drivers_at, _SIZE = rows_of(CONSTANTS), rows_of(DRIVER), DRIVER.itemsize
 
 
