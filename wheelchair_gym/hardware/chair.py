@@ -18,7 +18,7 @@ from collections.abc import Callable
 import numpy as np
 
 from wheelchair_gym.base.arrays import Array
-from wheelchair_gym.geometry.kinematics import Limits
+from wheelchair_gym.geometry.kinematics import DriveGeometry, Limits
 from wheelchair_gym.hardware.boards import protocol
 from wheelchair_gym.hardware.boards.parameters import board_parameters
 from wheelchair_gym.hardware.boards.protocol import Command, CommandFlag, Fault, Mode, Switch
@@ -44,6 +44,20 @@ _FINAL_STOPS = 4  # stop commands at the end: noise may destroy one
 _COMMAND_PERIOD = 0.02  # s between two commands: a tenth of the drive board's timeout of 0.2 s
 _POLL_PERIOD = 0.005  # s between two reads of the ports: a quarter of the odometry's period
 _FINE = 0.001  # s between two checks for the next odometry
+
+
+def for_equal_wheels(command: Command, drive: DriveGeometry, speed: float) -> Command:
+    """The command by which a board that takes both wheels for equal drives a twist.
+
+    `speed` [m/s] is the board's present set point: while it rises, so does the turn that unequal
+    wheels ask for.
+    """
+    left, right = drive.wheel_shares
+    if left == right:
+        return command
+    mean, unequal = 0.5 * (1.0 / left + 1.0 / right), 0.5 * (1.0 / right - 1.0 / left)
+    v = mean * command.v + 0.5 * drive.track * unequal * command.w
+    return command._replace(v=v, w=mean * command.w + 2.0 * unequal * speed / drive.track)
 
 
 class HardwareChair(RealChair):
@@ -309,7 +323,10 @@ class HardwareChair(RealChair):
         if self.assisted:
             target = target._replace(flags=target.flags | CommandFlag.ASSISTED)
         if not self.settings.dry_run:
-            self.senses.drive.send(self._joystick_command() or target)
+            known = math.isfinite(self.senses.stamp_of("odometry"))
+            target, drive = self._joystick_command() or target, self.chair.drive
+            speed = self.senses.odometry.v if known else 0.0
+            self.senses.drive.send(for_equal_wheels(target, drive, speed))
 
     def _guard(self) -> None:
         """Receive data, replace a command that is no longer valid by a stop, repeat the others."""

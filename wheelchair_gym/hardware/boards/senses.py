@@ -57,6 +57,7 @@ class WheelOdometry:
     def __init__(self, geometry: DriveGeometry, maximum: float) -> None:
         self._geometry, self._maximum = geometry, maximum
         self._pose, self._travel = np.zeros(3), np.zeros(2)
+        self._shares = np.array(geometry.wheel_shares)
         self._speeds = np.zeros(2)
         self._counts: tuple[int, int] | None = None
         self._made = 0.0
@@ -73,11 +74,11 @@ class WheelOdometry:
                 (after - before + _WRAP // 2) % _WRAP - _WRAP // 2
                 for before, after in zip(self._counts, counts, strict=True)
             ]
-            travel = np.array(steps) / self._geometry.counts_per_metre
+            travel = np.array(steps) / self._geometry.counts_per_metre * self._shares
             self._pose = _advanced(self._pose, travel, self._geometry.track)
             self._travel = self._travel + travel
         self._counts, self._made = counts, made
-        self._speeds = np.array([odometry.speed_left, odometry.speed_right])
+        self._speeds = np.array([odometry.speed_left, odometry.speed_right]) * self._shares
 
     def at(self, now: float) -> tuple[Array, Array]:
         """Pose (3,) and travel (2,) [m] of the left and the right wheel, at a time [s]."""
@@ -328,7 +329,7 @@ class BoardSensors:
         for name, laser, part in each:
             newest: TimedScan = self._newest[name].message.value
             if ages[name] <= limits.scan and len(newest.scan.ranges) == laser.beams:
-                ranges = newest.scan.ranges
+                ranges = newest.scan.ranges - np.float32(laser.offset)
                 found[part] = np.where(ranges < laser.range_min, -np.inf, ranges)  # as in REP-117
         rangers = self.sensors.ultrasonic
         sonar = np.full(rangers.columns, np.nan, np.float32)
