@@ -14,8 +14,10 @@ import contextlib
 import logging
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.geometry.kinematics import DriveGeometry, Limits
@@ -28,7 +30,7 @@ from wheelchair_gym.hardware.settings import HardwareSettings, check_boards
 from wheelchair_gym.safety import stops
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sim.settings import ChairSettings
-from wheelchair_gym.types import Episode, Reading, Stick
+from wheelchair_gym.types import WHEELS, Episode, Reading, Stick
 
 _LOG = logging.getLogger(__name__)
 STOP = Command(0.0, 0.0, CommandFlag.PROTECTIVE)
@@ -111,6 +113,7 @@ class HardwareChair(RealChair):
         self.commanded = np.zeros(2)
         self._travel, self._read_at = np.zeros(2), 0.0  # of the last reading
         self._closed = False
+        self._wheels: list[tuple[Any, ...]] = []
         self._start_guard(self._guard, _POLL_PERIOD)
 
     def reset(self, episode: Episode | None = None, key: int = 0) -> Reading:
@@ -157,6 +160,7 @@ class HardwareChair(RealChair):
             odometry, self._travel = self.senses.odometer.at(self._read_at)
             self._begin(odometry)
             self.senses.pressed = False
+            self.senses.wheels.clear()
             return self._reading(self._stop_reason(), np.zeros(2))
 
     def drive(self, twist: Array, protective: bool = False) -> Reading:
@@ -228,6 +232,34 @@ class HardwareChair(RealChair):
         why = why or (stops.NOT_HELD if not report.flags & protocol.JoystickFlag.HELD else "")
         why = why or (stops.OFF_CENTRE if report.flags & protocol.JoystickFlag.MUST_CENTRE else "")
         return Stick(report.forward, report.left, False), why
+
+    @property
+    def wheels(self) -> NDArray[np.void]:
+        """See `Chair.wheels`: at 50 Hz."""
+        return np.array(self._wheels, WHEELS)
+
+    def _report_of(self, state: protocol.Odometry, made: float) -> tuple[Any, ...]:
+        """A row of WHEELS of an odometry and of the time [s] when it was made."""
+        pairs = ((state.left, state.right), (state.speed_left, state.speed_right),
+                 (state.duty_left, state.duty_right))  # fmt: skip
+        target = self._target
+        driven = (state.v, state.w), (target.v, target.w)
+        stamp = made - self._begun
+        return stamp, *pairs, state.battery, *driven, state.echo, state.age, state.stamp
+
+    @property
+    def scan_stamps(self) -> tuple[float, ...]:
+        """See `Chair.scan_stamps`."""
+        return tuple(self.senses.stamp_of(name) - self._begun for name in self.senses.scans)
+
+    @property
+    def board_parameters(self) -> dict[str, dict[str, float]]:
+        """See `Chair.board_parameters`."""
+        tables = self.senses.parameters.items()
+        return {
+            board: {name: held.value for name, held in table.reported.items()}
+            for board, table in tables
+        }
 
     @property
     def report(self) -> dict[str, float | str]:
@@ -362,4 +394,6 @@ class HardwareChair(RealChair):
         pose, _ = senses.odometer.at(now)
         ranges = senses.ranges(now)
         bumped, senses.pressed = senses.pressed, False
+        self._wheels = [self._report_of(*report) for report in senses.wheels]
+        senses.wheels.clear()
         return self._reading_of(pose, pose, twist, ranges, bumped, senses.odometry.battery, halted)

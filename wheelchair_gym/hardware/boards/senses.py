@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable
 from typing import Any
 
@@ -114,6 +115,7 @@ _ODOMETRY_LATENCY = 0.004  # s from the counts on the board to the host, at leas
 _AGE_MAX = 0.255  # s: a command may be older than its age says
 _LASER_DRIFT = 2e-4  # s/s: of two quartz clocks
 _COMPARED = 60.0  # s after which a reset compares the laser's clock again
+_KEPT = 500  # reports of odometry: 10 s
 POLL_PERIOD = 0.005  # s between two reads of the lines while a tool waits
 LASERS = ("laser", "second laser", "third laser", "fourth laser")
 _FAN = 0.01  # rad: maximum difference between the laser's fan and its settings
@@ -142,6 +144,7 @@ class BoardSensors:
         scans: the name of each one's data.
         odometer: dead reckoning since this was made.
         pressed: bumper strips were pressed since this was last cleared.
+        wheels: odometry since this was last cleared, and when each was made [s].
         identities: how each board identified itself, by its name.
         answers: the last answer of each board.
         parameters: what each board has reported of its parameters.
@@ -170,6 +173,7 @@ class BoardSensors:
         self.scans = [f"scan_{k}" if k else "scan" for k in range(len(ports))]
         self.odometer = WheelOdometry(geometry, settings.limits.odometry)
         self.pressed = False
+        self.wheels: deque[tuple[Odometry, float]] = deque(maxlen=_KEPT)
         self.identities: dict[str, Identity] = {}
         self.answers: dict[str, Answer] = {}
         lines = {"drive": self.drive, "range": self.range}
@@ -224,6 +228,7 @@ class BoardSensors:
             if sent is not None and message.age < _AGE_MAX:
                 newest.clock.answered(sent, message.stamp - message.age)
             self.odometer.update(message, newest.message.measured_at)
+            self.wheels.append((message, newest.message.measured_at))
             self.pressed |= bool(message.switches & STRIPS)
         elif isinstance(message, Ranges):
             self._newest["ultrasonic"].update(message, message.stamp, now)
