@@ -34,6 +34,7 @@ WHEELS = np.dtype(
         ("counts", "i8", (2,)),  # of the encoders
         ("speeds", "f8", (2,)),  # m/s at the rims, low-passed, as the board believes them
         ("duties", "f8", (2,)),
+        ("duty_stamp", "f8"),  # s: middle of the control period in which these duties act
         ("voltage", "f8"),  # V, of the battery
         ("set_point", "f8", (2,)),  # m/s, rad/s: after the limits
         ("command", "f8", (2,)),  # m/s, rad/s: the last one that the host had sent

@@ -181,6 +181,7 @@ class SimulatedChair(Chair):
         rows["stamp"] = rows["board_stamp"] = state["tick"] * self.physics.step
         rows["counts"], rows["speeds"] = state["measured_counts"], state["speed"]
         rows["duties"], rows["voltage"] = state["duty"], state["voltage"]
+        rows["duty_stamp"] = rows["stamp"] - 0.5 / self.settings.motor.control_rate
         rows["set_point"] = state["v"], state["w"]
         if state["step"]:
             rows["command"] = self.chairs.pointers.array("drives", 0)[state["step"] - 1, :2]

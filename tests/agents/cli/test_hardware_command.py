@@ -81,26 +81,15 @@ def test_monitor_asks_before_it_resets_a_board(tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.realtime
-@pytest.mark.long
-def test_counts_of_a_metre_are_measured_and_written(served, monkeypatch, capsys):
-    """Set up with twice as many, it finds the true ones by the wall ahead, in real time."""
+@pytest.mark.realtime
+def test_calibration_refuses_a_room_that_is_too_small(served, monkeypatch, capsys):
+    """It names what stands there, and nothing is driven or written."""
     monkeypatch.setattr(HardwareChair, "reset", armed(HardwareChair.reset))
-    content = json.loads(served.config.read_text())
-    content["chair"]["drive"]["counts_per_metre"] = 2.0 * 4346.0
-    served.config.write_text(json.dumps(content))
-    with_config = ["--config", str(served.config)]
-    assert main(["hardware", "setup", *with_config]) == 0
-    words = ["hardware", "calibrate", *with_config, "--runs", "1", "--distance", "0.6"]
-    assert main(words) == 0
-    assert "not written" in capsys.readouterr().out
-    assert json.loads(served.config.read_text()) == content
-    assert main([*words, "--write"]) == 0
-    assert "written to" in capsys.readouterr().out
-    counts = json.loads(served.config.read_text())["chair"]["drive"]["counts_per_metre"]
-    assert counts == pytest.approx(4346.0, rel=0.01)
-    monkeypatch.setattr("sys.stdin", io.StringIO("\nmuch\n1e-3\n"))
-    assert main(["hardware", "calibrate", *with_config, "--runs", "1", "--push", "--tape"]) == 1
-    assert "nothing was written" in capsys.readouterr().err  # nobody pushed it
+    before = served.config.read_text()
+    assert main(["hardware", "setup", "--config", str(served.config)]) == 0
+    assert main(["hardware", "calibrate", "--config", str(served.config), "--write"]) == 1
+    assert "expected free floor from -1 to 2 m ahead" in capsys.readouterr().err
+    assert served.config.read_text() == before
 
 
 class NoStick:
