@@ -31,7 +31,7 @@ from wheelchair_gym.hardware.boards.senses import POLL_PERIOD, BoardSensors
 from wheelchair_gym.hardware.chair import HardwareChair
 from wheelchair_gym.hardware.control_loop import WallClock
 from wheelchair_gym.hardware.tools.diagnostics import Diagnostics, Orientation, status_rows
-from wheelchair_gym.identification.excite import Excitation, excite, free_floor_shield
+from wheelchair_gym.identification.excite import DURATION, excite, free_floor_shield
 from wheelchair_gym.identification.fit import fit, settings_of, tuned_chair
 
 _TABLE_PERIOD = 0.5  # s between two tables
@@ -123,12 +123,11 @@ def calibrate(given: argparse.Namespace) -> int:
     """Drive for two minutes and fit the settings; 0 when the config agrees, or they are written."""
     settings = env_settings(given.config)
     laser, drive = settings.sensors.laser, settings.chair.drive
-    excitation = Excitation()
     with closing(_chair(settings)) as chair:
         parts = settings.shield, settings.chair, settings.sensors
         shield = free_floor_shield(*parts, chair.period)
         _log(
-            f"the chair drives squares, circles and turns for {excitation.duration:.0f} s, at up "
+            f"the chair drives squares, circles and turns for {DURATION:.0f} s, at up "
             "to 0.7 m/s: keep 4 m x 4 m free, and a hand at the emergency stop"
         )
         first = chair.reset()

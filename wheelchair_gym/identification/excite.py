@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,19 +35,9 @@ PROGRAM: Final = (
     *2 * ((0.7, 0.0, 1.8), (0.0, 0.0, 1.5), (-0.3, 0.0, 4.2), (0.0, 0.0, 1.0)),
     (0.05, 0.0, 4.0), (0.0, 0.0, 1.0), (-0.05, 0.0, 4.0), (0.0, 0.0, 3.0),
 )  # fmt: skip
+DURATION: Final = sum(seconds for _, _, seconds in PROGRAM)  # s
 # Floor that the program needs about the axle's centre at its start: from, to [m].
 ROOM: Final = {"ahead": (-1.0, 2.0), "left": (-1.9, 1.9)}
-
-
-class Excitation(NamedTuple):
-    """Twists that a chair drives one after another."""
-
-    program: tuple[tuple[float, float, float], ...] = PROGRAM
-
-    @property
-    def duration(self) -> float:
-        """Duration [s]."""
-        return sum(seconds for _, _, seconds in self.program)
 
 
 def free_floor_shield(
@@ -85,7 +75,7 @@ def check_room(reading: Reading, laser: LaserSettings) -> None:
 
 def excite(
     chair: Chair, shield: Shield, drive: DriveGeometry, laser: LaserSettings, period: float,
-    first: Reading, excitation: Excitation | None = None,
+    first: Reading,
 ) -> DriveLog:  # fmt: skip
     """Drive the program behind a shield, which may slow it, and return the log.
 
@@ -96,7 +86,6 @@ def excite(
         laser: likewise.
         period: of control [s].
         first: the reading of the reset.
-        excitation: what is driven.
 
     Raises:
         ValueError: there is too little room, or the chair or the shield stopped the program.
@@ -106,7 +95,7 @@ def excite(
     stamps: list[float] = [chair.scan_stamps[0]]
     scans: list[Floats] = [first.laser[: laser.beams]]
     reading, due = first, 0.0
-    for v, w, seconds in (excitation or Excitation()).program:
+    for v, w, seconds in PROGRAM:
         due += seconds
         while reading.stamp < due - 0.5 * period:
             given = shield.filter(np.array([v, w]), reading)

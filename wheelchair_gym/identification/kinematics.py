@@ -60,14 +60,9 @@ class Kinematics(NamedTuple):
     """What was found, by the names of UNKNOWNS."""
 
     values: Array  # (8,)
-    deviations: Array  # (8,) by drawing blocks again
     conditional: Array  # (8,) where all other unknowns were known
-    covariance: Array  # (8, 8)
+    covariance: Array  # (8, 8) by drawing blocks again
     sigma: float  # m, of a range
-    walls: Walls
-    poses: Array  # (n, 3) of the chair at the scans used
-    scans: NDArray[np.int64]  # (n,) numbers of these scans
-    hits: int
 
 
 def wheel_path(log: DriveLog, values: Array) -> Array:
@@ -106,12 +101,7 @@ class _Problem:
 
     def sensor(self, values: Array, starts: Array) -> Array:
         """Poses (n, 3) of the scanner; `starts` are those of the chair at each block's first."""
-        return compose(self.chair(values, starts), values[3:6])
-
-    def chair(self, values: Array, starts: Array) -> Array:
-        """Poses (n, 3) of the chair."""
-        poses: Array = compose(starts[self.block], self.motion(values))
-        return poses
+        return compose(compose(starts[self.block], self.motion(values)), values[3:6])
 
 
 def _linearise(
@@ -228,10 +218,7 @@ def identify(
     total = matrices.sum(axis=0)[: len(values), : len(values)]
     conditional = 1.0 / np.sqrt(np.diag(total) + weight)
     covariance = np.cov(draws.T) + np.diag(_BEYOND**2)
-    return Kinematics(
-        values, np.sqrt(np.diag(covariance)), conditional, covariance, sigma, walls,
-        problem.chair(values, starts), scans, len(off),
-    )  # fmt: skip
+    return Kinematics(values, conditional, covariance, sigma)
 
 
 def _solve(matrix: Array, vector: Array, away: Array, weight: Array) -> Array:
