@@ -191,6 +191,8 @@ def identify(
     sigma, hits = 0.03, None
     for gate in _GATES:
         poses = rough if hits is None else problem.sensor(values, starts)
+        if hits is not None:  # better poses show a wall once that rough ones showed twice
+            walls = find_walls(laser, problem.ranges - np.float32(values[6]), poses)
         walls = merge_walls(walls)
         hits = find_hits(laser, problem.ranges, poses, walls, gate, values[6])
         for _ in range(2):
