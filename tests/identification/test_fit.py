@@ -25,7 +25,7 @@ HIDDEN = {
     "odometry.diameter_error": -0.015, "odometry.track_error": 0.025, "body.mass": 190.0,
     "motor.gain": 0.85, "slope": math.radians(1.5), "downhill": 2.0,
 }  # fmt: skip
-# Greatest errors: of the values, and of what the issue of identification asks for.
+# Greatest errors of the values; below, relative ones.
 LIMITS = {
     "scale": 1e-3, "wheel_ratio": 5e-4, "track": 1e-3, "x": 3e-3, "y": 3e-3,
     "yaw": math.radians(0.1), "offset": 6e-3, "delay": 0.01,
