@@ -55,6 +55,7 @@ from wheelchair_gym.base.files import read_json
 from wheelchair_gym.base.settings import dump, read
 from wheelchair_gym.envs.settings import EnvSettings, env_settings
 from wheelchair_gym.hardware.ros.cdr import typestore
+from wheelchair_gym.hardware.twin.plant import PlantSettings
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid, read_any_map, write_map
 from wheelchair_gym.perception.logs import LASER, read_log
 from wheelchair_gym.perception.slam import SlamSettings
@@ -63,6 +64,8 @@ from wheelchair_gym.recording.record import RecordEpisodes, RecordingSettings
 from wheelchair_gym.recording.replay import read_recording, replay_env, sensor_log
 from wheelchair_gym.scenes import SCENES, make_scene
 from wheelchair_gym.scenes.barn import world_numbers
+from wheelchair_gym.sensors.settings import SensorSettings
+from wheelchair_gym.sim.settings import ChairSettings, PhysicsSettings
 
 TIMEOUT = 120.0  # s for one input, where a machine is busy
 READY = 300.0  # s until a worker has read its valid file: kernels may be compiled
@@ -185,6 +188,21 @@ def _written(path: Path, content: Any) -> Path:
     """Write a text, or anything else as JSON; return the path of its file."""
     path.write_text(content if isinstance(content, str) else json.dumps(content))
     return path
+
+
+# A chair that a twin hides from its computer.
+BELIEVED = PlantSettings(ChairSettings(), SensorSettings(), PhysicsSettings())
+HIDDEN = {
+    "chair": {
+        "drive": {"wheel_ratio": 1.02, "track": 0.55},
+        "body": {"mass": 180.0},
+        "motor": {"gain": 0.8, "resistance": 1.2},
+        "randomization": [{"quantity": "laser.sigma", "low": 0.01, "high": 0.02}],
+        "joint": {"quantities": ["laser.x_error"], "mean": [0.01], "covariance": [[1e-4]]},
+    },
+    "sensors": {"laser": {"offset": 0.03, "x": 0.6}},
+    "physics": {"slope": 0.02, "downhill": 1.0},
+}
 
 
 # ---- maps
@@ -634,7 +652,11 @@ READERS: dict[str, Reader] = {
     "env settings": Reader(
         _env, _use_env,
         ("envs.settings.env_settings", "base.settings.read", "evaluation.evaluate.env_settings",
-         "cli.arguments.shield_of", "cli.hardware._write_drive", "cli.compare.trained_in"),
+         "cli.arguments.shield_of", "cli.hardware.calibrate", "cli.compare.trained_in"),
+    ),
+    "hidden chair": Reader(
+        lambda folder: _written(folder / "hidden.json", HIDDEN),
+        lambda path: PlantSettings.read(path, BELIEVED), ("hardware.twin.plant.read",),
     ),
     "scene settings": Reader(
         _scenes,

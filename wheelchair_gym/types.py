@@ -27,6 +27,24 @@ if TYPE_CHECKING:
     from wheelchair_gym.sim.settings import ChairSettings
 
 
+# One report of a drive board about the wheels; pairs are (left, right).
+WHEELS = np.dtype(
+    [
+        ("stamp", "f8"),  # s since the reset of the chair
+        ("counts", "i8", (2,)),  # of the encoders
+        ("speeds", "f8", (2,)),  # m/s at the rims, low-passed, as the board believes them
+        ("duties", "f8", (2,)),
+        ("duty_stamp", "f8"),  # s: middle of the control period in which these duties act
+        ("voltage", "f8"),  # V, of the battery
+        ("set_point", "f8", (2,)),  # m/s, rad/s: after the limits
+        ("command", "f8", (2,)),  # m/s, rad/s: the last one that the host had sent
+        ("echo", "i8"),  # sequence of the last command that the board had accepted; -1: none
+        ("age", "f8"),  # s, of that command
+        ("board_stamp", "f8"),  # s since the reset of the board
+    ]
+)
+
+
 class Stick(NamedTuple):
     """Signal of a person's interface to the chair.
 
@@ -371,6 +389,21 @@ class Chair(ABC):
     @property
     def report(self) -> dict[str, float | str] | None:
         """The state of a drive board, for recordings; None: there is no real chair."""
+        return None
+
+    @property
+    def wheels(self) -> NDArray[np.void]:
+        """Reports about the wheels since the reading before, (n,) of WHEELS; () where unknown."""
+        return np.empty(0, WHEELS)
+
+    @property
+    def scan_stamps(self) -> Sequence[float]:
+        """When each scanner made its scan of the latest reading [s]; () where unknown."""
+        return ()
+
+    @property
+    def board_parameters(self) -> dict[str, dict[str, float]] | None:
+        """Parameters that the boards have reported, by board; None: there is no real chair."""
         return None
 
     @property

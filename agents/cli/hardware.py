@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import math
 import sys
-import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
@@ -14,17 +12,17 @@ from typing import Any
 
 import numpy as np
 
-from agents.cli.arguments import changed, report
+from agents.cli.arguments import report
+from agents.cli.fit import judged, line_of
 from agents.deploy import end_as_by_ctrl_c, listen_for_rearm
 from agents.deploy import to_stderr as _log
 from agents.evaluation.provenance import write_json
-from wheelchair_gym.base.files import atomic_write
-from wheelchair_gym.base.settings import InputError, load, read_json
+from wheelchair_gym.base.settings import InputError, dump, read_json
 from wheelchair_gym.envs.settings import env_settings
-from wheelchair_gym.geometry.planar import relative_pose
 from wheelchair_gym.hardware import joystick
 from wheelchair_gym.hardware.boards.parameters import (
     board_parameters,
+    drive_parameters,
     save_parameters,
     set_parameters,
 )
@@ -32,10 +30,9 @@ from wheelchair_gym.hardware.boards.ports import may_reset
 from wheelchair_gym.hardware.boards.senses import POLL_PERIOD, BoardSensors
 from wheelchair_gym.hardware.chair import HardwareChair
 from wheelchair_gym.hardware.control_loop import WallClock
-from wheelchair_gym.hardware.tools import distance_calibration, wheel_calibration
 from wheelchair_gym.hardware.tools.diagnostics import Diagnostics, Orientation, status_rows
-from wheelchair_gym.hardware.tools.speed_tuning import GAINS, step_response
-from wheelchair_gym.sim.settings import MotorSettings
+from wheelchair_gym.identification.excite import DURATION, excite, free_floor_shield
+from wheelchair_gym.identification.fit import fit, settings_of, tuned_chair
 
 _TABLE_PERIOD = 0.5  # s between two tables
 
@@ -55,26 +52,6 @@ def _chair(settings: Any) -> Any:
     chair = HardwareChair(settings.hardware, settings.sensors, settings.chair, 1.0 / settings.rate)
     listen_for_rearm(chair)
     return chair
-
-
-def _numbers(prompt: str, example: str) -> list[float]:
-    """Numbers that a person types, as many as in the example.
-
-    Raises:
-        InputError: standard input ends.
-    """
-    _log(prompt)
-    wanted = len(example.split(","))
-    for line in sys.stdin:
-        try:
-            values = [float(word) for word in line.split(",")]
-        except ValueError:
-            values = []
-        if len(values) == wanted:
-            return values
-        if line.strip():
-            _log(f"expected {'two numbers' if wanted == 2 else 'a number'}, such as {example}")
-    raise InputError("standard input ended before the measurement was typed")
 
 
 @contextmanager
@@ -142,177 +119,38 @@ def _save(
 
 
 @_chair_errors()
-def tune(given: argparse.Namespace) -> int:
-    """Drive a step of the speed controller with the gains of --set, and plot it."""
-    settings = env_settings(given.config)
-    gains = {key: value for key, value in changed("motor", given.set).items() if key != "name"}
-    if unknown := set(gains) - set(GAINS):
-        raise InputError(f"--set {min(unknown)}: expected one of {', '.join(GAINS)}")
-    motor = load(MotorSettings, gains, "--set", settings.chair.motor)
-    settings = dataclasses.replace(settings, chair=dataclasses.replace(settings.chair, motor=motor))
-    with closing(_chair(settings)) as chair:
-        if gains:
-            refused = set_parameters(chair.senses, chair.clock, "drive", chair.parameters["drive"])
-            if refused:
-                raise InputError("; ".join(refused.values()))
-        step = step_response(chair, given.step, given.seconds, given.turn)
-    if given.plot:
-        _plot(given.plot, step, "turn [rad/s]" if given.turn else "speed [m/s]")
-    text = "  ".join(f"{name} {value:.3f}" for name, value in step.figures.items())
-    used = {name: getattr(motor, field) for name, field in GAINS.items()}
-    report(given, {"gains": used, "step": given.step, "figures": step.figures}, text)
-    return 0
-
-
-def _plot(file: str, step: Any, name: str) -> None:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(8, 6), layout="constrained")
-    above, below = figure.subplots(2, sharex=True)
-    above.plot(step.times, step.set_point, label="set point")
-    above.plot(step.times, step.measured, label="wheels")
-    above.set_ylabel(name)
-    above.legend()
-    below.plot(step.times, step.duties, label=["left", "right"])
-    below.set(ylabel="duty", xlabel="time [s]")
-    below.legend()
-    with atomic_write(file) as part:
-        figure.savefig(part)
-
-
-@_chair_errors()
 def calibrate(given: argparse.Namespace) -> int:
-    """Measure counts per metre (written with --write), or the track (always written)."""
+    """Drive for two minutes and fit the settings; 0 when the config agrees, or they are written."""
     settings = env_settings(given.config)
-    return (_calibrate_track if given.quantity == "track" else _calibrate_distance)(given, settings)
-
-
-def _calibrate_distance(given: argparse.Namespace, settings: Any) -> int:
-    minimum = distance_calibration.NEAR
-    if not given.push and given.distance < minimum:
-        raise InputError(f"--distance {given.distance:g}: expected at least {minimum:g} m")
-    configured = settings.chair.drive.counts_per_metre
-    with _chair_errors("; nothing was written"):
-        runs = (_pushed_runs if given.push else _driven_runs)(given, settings)
-        result = distance_calibration.calibrate_distance(runs, configured)
-    text = (
-        f"{result.counts_per_metre:.1f} counts per metre, deviation {result.deviation:.1f} in "
-        f"{len(runs)} runs; the config says {configured:g}\n"
-    )
-    text += "".join(f"{r.measured:.3f} m measured, {r.odometry:.3f} m counted\n" for r in runs)
-    if given.write:
-        counts = round(result.counts_per_metre, 1)
-        with _boards(settings) as (senses, clock):
-            wanted = {"counts_per_metre": counts}
-            _save(senses, clock, "drive", wanted, suffix="; nothing was written")
-        _write_drive(given.config, "counts_per_metre", counts)
-        text += f"written to {given.config} and to the drive board, saved"
-    else:
-        text += "not written: --write does, to the config and to the drive board"
-    report(given, result._asdict() | {"runs": [run._asdict() for run in runs]}, text)
-    return 0
-
-
-def _write_drive(config: str, key: str, value: float) -> None:
-    """Write a setting of `chair.drive` to the config file."""
-    content = read_json(config)
-    content.setdefault("chair", {}).setdefault("drive", {})[key] = value
-    write_json(config, content)
-
-
-def _driven_runs(given: argparse.Namespace, settings: Any) -> list[Any]:
-    """Runs that the chair drives: towards the wall and back, or ahead with a tape."""
-    distance, tape = given.distance, given.tape
-    free = distance * (2.0 if tape else 1.0) + distance_calibration.ROOM
-    drive_run = distance_calibration.drive_run
+    laser, drive = settings.sensors.laser, settings.chair.drive
     with closing(_chair(settings)) as chair:
+        parts = settings.shield, settings.chair, settings.sensors
+        shield = free_floor_shield(*parts, chair.period)
         _log(
-            f"the chair drives {distance:g} m straight ahead at about "
-            f"{distance_calibration.SPEED:g} m/s{'' if tape else ', and back'}: keep {free:.1f} m "
-            "free, and a hand at the emergency stop"
+            f"the chair drives squares, circles and turns for {DURATION:.0f} s, at up "
+            "to 0.7 m/s: keep 4 m x 4 m free, and a hand at the emergency stop"
         )
-        if tape:
-            return [drive_run(chair, distance, False, _by_tape) for _ in range(given.runs)]
-        return [drive_run(chair, distance, k % 2 == 1, None) for k in range(2 * given.runs)]
-
-
-def _pushed_runs(given: argparse.Namespace, settings: Any) -> list[Any]:
-    """Runs in which a person pushes the chair; no command is sent."""
-    runs = []
-    with _boards(settings) as (senses, clock):
-
-        def standstill() -> Any:
-            """Pose, wheel travel and wall of the standing chair, after all messages are read."""
-            end = clock.now() + 1.0
-            while clock.now() < end:
-                senses.poll()
-                clock.wait(clock.now() + POLL_PERIOD)
-            if why := senses.stale(clock.now()):
-                raise ValueError(why)
-            see_wall = distance_calibration.measure_wall
-            wall = None if given.tape else see_wall(senses, clock, senses.poll)
-            return *senses.odometer.at(clock.now()), wall
-
-        for _ in range(given.runs):
-            pose, travel, wall = standstill()
-            prompt = "hold the push switch, push it straight ahead, let it stand, then press Enter"
-            _wait_for_enter(prompt, senses, clock)
-            pose_after, travel_after, wall_after = standstill()
-            distance_calibration.check_straight(travel_after - travel)
-            motion = relative_pose(pose, pose_after)
-            counted = math.hypot(motion[0], motion[1])
-            measured = (
-                _by_tape(counted) if wall is None
-                else distance_calibration.distance_moved(wall, wall_after, motion)
-            )  # fmt: skip
-            runs.append(distance_calibration.Run(counted, measured))
-    return runs
-
-
-def _wait_for_enter(prompt: str, senses: Any, clock: Any) -> None:
-    """Wait for a person's Enter, and read the boards meanwhile."""
-    _log(prompt)
-    lines: list[str] = []
-    person = threading.Thread(target=lambda: lines.append(sys.stdin.readline()), daemon=True)
-    person.start()
-    while person.is_alive():
-        senses.poll()
-        clock.wait(clock.now() + POLL_PERIOD)
-    if not lines or not lines[0]:
-        raise InputError("standard input ended before Enter was pressed")
-
-
-def _by_tape(counted: float) -> float:
-    """The distance that a person measured."""
-    prompt = f"it counted {counted:.3f} m: how many metres did the axle's centre move, by the tape?"
-    return _numbers(prompt, "1.483")[0]
-
-
-def _calibrate_track(given: argparse.Namespace, settings: Any) -> int:
-    squares = []
-    with closing(_chair(settings)) as chair:
-        for run in range(2 * given.runs):
-            _log(f"square {run + 1} of {2 * given.runs}")
-            left = run % 2 == 0
-            square = wheel_calibration.drive_square(chair, given.side, left, measured_end)
-            squares.append(square)
-    result = wheel_calibration.calibrate(squares, settings.chair.drive.track)
-    _write_drive(given.config, "track", round(result.track, 5))
-    unequal = 100.0 * (result.ratio - 1.0)
-    text = (
-        f"track {result.track:.4f} m, written to {given.config}: next, wheelchair hardware setup\n"
-        f"right wheel {unequal:+.2f} % larger than the left (tyre pressure; not corrected)\n"
-        f"ends of the squares: {1e3 * result.before:.0f} mm off now, "
-        f"{1e3 * result.after:.0f} mm if track and wheel ratio were both corrected"
-    )
-    report(given, result._asdict(), text)
-    return 0
-
-
-def measured_end(what: str) -> Any:
-    """The position (2,) [m] of the chair relative to its start, as a person measured it."""
-    where = "how far is it from its start, AHEAD,LEFT in metres (of the axle's centre)?"
-    return np.array(_numbers(f"{what}: {where}", "0.03,-0.12"))
+        first = chair.reset()
+        shield.reset()
+        log = excite(chair, shield, drive, laser, chair.period, first)
+    found = fit([(given.config, log)], settings.chair, settings.sensors, given.mass)
+    lines = [f"{judged(one):4} {line_of(one)}" for one in found.findings] + list(found.notes)
+    good = all(judged(one) != "OFF" for one in found.findings)
+    if given.write:
+        tuned = tuned_chair(found)
+        wanted = drive_parameters(tuned)
+        with _boards(settings) as (senses, clock):
+            _save(senses, clock, "drive", wanted, suffix="; nothing was written")
+        content = read_json(given.config)
+        content.setdefault("chair", {}).update(drive=dump(tuned.drive), motor=dump(tuned.motor))
+        seen = {"laser": dump(found.sensors.laser), "odometry": dump(found.sensors.odometry)}
+        content.setdefault("sensors", {}).update(seen)
+        write_json(given.config, content)
+        lines.append(f"written to {given.config} and to the drive board, saved")
+    else:
+        lines.append("not written: --write does, to the config and to the drive board")
+    report(given, {"good": good, **settings_of(found)["fit.json"]}, "\n".join(lines))
+    return 0 if good or given.write else 1
 
 
 def monitor(given: argparse.Namespace) -> int:

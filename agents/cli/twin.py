@@ -38,7 +38,10 @@ def run(given: argparse.Namespace) -> int:
     assert env.episode is not None
     if given.write_map is not None:
         write_map(env.episode.map, given.write_map)
-    twin = lockstep.Twin(plant.Plant(settings.chair, settings.sensors))
+    real = believed = plant.PlantSettings(settings.chair, settings.sensors, settings.physics)
+    if given.plant is not None:
+        real = plant.PlantSettings.read(given.plant, believed)
+    twin = lockstep.Twin(plant.Plant(*real), believed=settings.chair)
     twin.reset(env.episode, given.seed)
     twin.run(0.1)
     twin.plant.scan(0)  # compiled before real time begins

@@ -102,8 +102,16 @@ OWN = {"config": str(ROOT / "examples" / "own_robot.json"), "bank": 4, "max_epis
 EXPERT = {"beams": 32, "driver": "expert"}
 BARE, DEAF = {"laser": {"beams": 0}}, {"ultrasonic": {"mounted": []}}
 LATE = {"quantity": "command_delay", "distribution": "normal", "mean": 0.1, "std": 0.1}
-RANDOM = [{"quantity": name, "low": 0.0, "high": 0.1} for name in RANDOMIZED[:-1]]
-DRAWN = {"randomization": [*RANDOM, LATE], "randomize": True}
+AROUND = {"body.mass": (90.0, 150.0), "motor.gain": (0.9, 1.1), "motor.resistance": (0.8, 1.2)}
+RANDOM = [
+    {"quantity": name, "low": low, "high": high}
+    for name in RANDOMIZED
+    if name not in ("command_delay", "physics.slope", "laser.offset_error")
+    for low, high in [AROUND.get(name, (0.0, 0.1))]
+]
+JOINT = {"quantities": ["physics.slope", "laser.offset_error"], "mean": [0.01, 0.02],
+         "covariance": [[1e-4, 5e-5], [5e-5, 1e-4]]}  # fmt: skip
+DRAWN = {"randomization": [*RANDOM, LATE], "joint": JOINT, "randomize": True}
 ROWS = {  # threads, rows, periods, how many episodes end at least, and settings
     "one thread": (1, 6, 150, 20, QUICK),
     "two threads": (2, 6, 150, 20, QUICK),

@@ -470,3 +470,23 @@ def test_odometry_is_moved_on_and_survives_wraps_and_resets():
     np.testing.assert_allclose(
         odometer.twist(np.array([-0.027, 0.027]), 0.1), [0.0, 1.0], atol=1e-9
     )
+
+
+def test_all_reports_about_the_wheels_are_kept_with_their_times(hosted):
+    """At 50 Hz, by the host's clock; scans carry the time at which they were made."""
+    chair, rows = begun(hosted), [hosted.chair.wheels]
+    for _ in range(20):
+        reading = chair.drive(AHEAD)
+        rows.append(chair.wheels)
+        assert len(rows[-1]) == 5
+        assert 0.0 <= reading.stamp - chair.scan_stamps[0] < 0.05
+    table = np.concatenate(rows)
+    assert np.diff(table["stamp"]) == pytest.approx(0.02, abs=2e-3)
+    assert np.diff(table["board_stamp"]) == pytest.approx(0.02, abs=2e-3)
+    assert table["stamp"][-1] == pytest.approx(reading.stamp, abs=0.02)
+    assert (np.diff(table["counts"], axis=0) >= 0).all()
+    assert table["speeds"][-1] == pytest.approx(0.4, abs=0.02)
+    assert (table["command"][-1] == AHEAD).all()
+    assert table["age"].max() < 0.06
+    held = chair.board_parameters["drive"]
+    assert held["counts_per_metre"] == 4346.0

@@ -11,28 +11,11 @@ from tests.sim.worlds import box
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.hardware.boards import parameters
 from wheelchair_gym.hardware.boards.protocol import Switch
-from wheelchair_gym.hardware.boards.senses import WheelOdometry
 from wheelchair_gym.hardware.tools.diagnostics import Diagnostics, Orientation, status_rows
-from wheelchair_gym.hardware.tools.distance_calibration import (
-    Run,
-    calibrate_distance,
-    check_straight,
-    distance_moved,
-    drive_run,
-    fit_wall,
-)
-from wheelchair_gym.hardware.tools.speed_tuning import step_response
-from wheelchair_gym.hardware.tools.wheel_calibration import (
-    Square,
-    calibrate,
-    dead_reckon,
-    drive_square,
-)
-from wheelchair_gym.sensors.settings import LaserSettings, OdometrySettings, SensorSettings
+from wheelchair_gym.hardware.tools.wall import fit_wall
+from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 
 pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
-
-TRACK, COUNTS = 0.54, 4346.0
 
 
 @pytest.fixture
@@ -225,83 +208,6 @@ def test_all_is_told_live(hosted, checker):
     assert "m at" in rows["nearest echo"]
 
 
-def test_a_step_is_driven_and_measured(hosted):
-    step = step_response(hosted.chair, 0.3, 1.5)
-    figures = step.figures
-    assert 0.0 < figures["lag_s"] < 0.1
-    assert figures["overshoot"] < 0.1
-    assert figures["end_error"] < 0.03
-    assert figures["settled_s"] < 1.2
-    assert np.diff(step.times) == pytest.approx(0.02, abs=0.01)
-    turned = step_response(hosted.chair, 0.5, 1.0, turn=True)
-    assert turned.figures["end_error"] < 0.05
-    hosted.clock.wait(hosted.clock.now() + 0.5)
-    assert abs(hosted.twin.motion.turn) < 2e-3
-
-
-def driven(side, left, track, ratio):
-    """Return the motion of wheels driven in a square by a chair of another track and ratio."""
-    sign = 1.0 if left else -1.0
-    ways = []
-    for _ in range(4):
-        ways += [(side / 100, side / 100)] * 100
-        arc = sign * math.pi / 4.0 * TRACK
-        ways += [(-arc / 50, arc / 50)] * 50
-    ways = np.array(ways)
-    end = np.array(dead_reckon(ways, track, ratio))
-    return Square(ways, end[:2])
-
-
-@pytest.mark.parametrize(("track", "ratio"), [(0.545, 1.0), (0.54, 1.004), (0.536, 0.997)])
-def test_squares_both_ways_tell_track_and_wheels(track, ratio):
-    told = calibrate([driven(4.0, way, track, ratio) for way in (True, False)], TRACK)
-    assert told.track == pytest.approx(track, abs=1e-5)
-    assert told.ratio == pytest.approx(ratio, abs=1e-5)
-    assert told.after < 1e-4 < told.before
-    with pytest.raises(ValueError, match="both ways"):
-        calibrate([driven(4.0, True, track, ratio)], TRACK)
-
-
-def believing(counts):
-    """A chair whose boards and config hold `counts` counts per metre; its wheels make 4,346."""
-    hosted = Hosted(box(3.0))
-    chair = hosted.chair
-    drive = dataclasses.replace(chair.chair.drive, counts_per_metre=counts)
-    chair.chair = dataclasses.replace(chair.chair, drive=drive)
-    chair.senses.odometer = WheelOdometry(drive, chair.settings.limits.odometry)
-    hosted.clock.wait(0.5)
-    wanted = {"counts_per_metre": counts}
-    assert parameters.set_parameters(chair.senses, hosted.clock, "drive", wanted) == {}
-    return hosted
-
-
-@pytest.mark.parametrize("share", [0.5, 2.0])
-def test_counts_of_a_metre_are_recovered(share):
-    """By the laser, forwards and back, wherever they were set wrong; then it drives as asked."""
-    hosted = believing(share * COUNTS)
-    begun = hosted.twin.plant.pose
-    runs = [drive_run(hosted.chair, 0.5, back, None) for back in (False, True)]
-    told = calibrate_distance(runs, share * COUNTS)
-    assert told.counts_per_metre == pytest.approx(COUNTS, rel=0.01)
-    assert all(run.odometry / run.measured == pytest.approx(1.0 / share, rel=0.01) for run in runs)
-    assert np.hypot(*(hosted.twin.plant.pose - begun)[:2]) < 0.1
-    assert not hosted.twin.bumper_steps
-    hosted.close()
-
-
-def test_counts_of_a_metre_are_recovered_by_tape():
-    hosted = believing(0.5 * COUNTS)
-    begun = hosted.twin.plant.pose
-
-    def tape(counted):
-        assert counted == pytest.approx(0.5, abs=0.1)
-        return float(np.hypot(*(hosted.twin.plant.pose - begun)[:2]))
-
-    told = calibrate_distance([drive_run(hosted.chair, 0.5, False, tape)], 0.5 * COUNTS)
-    assert told.counts_per_metre == pytest.approx(COUNTS, rel=0.01)
-    hosted.close()
-
-
 def seen(x, turned, noise=0.015, seed=0, gone=0.0):
     """Ten scans' echoes of a wall x ahead of the axle that is turned, some from something else."""
     rng = np.random.default_rng(seed)
@@ -313,52 +219,17 @@ def seen(x, turned, noise=0.015, seed=0, gone=0.0):
 
 
 @pytest.mark.parametrize("turned", [-0.3, 0.0, 0.2])
-def test_a_way_is_what_the_wall_came_nearer(turned):
+def test_a_wall_is_where_it_is(turned):
     """To a millimetre or two in the laser's noise, with a chair leg before the wall."""
-    before = fit_wall(seen(3.0, turned, gone=0.1))
-    after = fit_wall(seen(2.0, turned, seed=1, gone=0.1))
-    assert distance_moved(before, after, np.array([0.5, 0.0, 0.0])) == pytest.approx(1.0, abs=5e-3)
-    assert before.bearing == pytest.approx(turned, abs=0.01)
+    wall = fit_wall(seen(3.0, turned, gone=0.1))
+    assert wall.distance == pytest.approx(3.0 * math.cos(turned), abs=5e-3)
+    assert wall.bearing == pytest.approx(turned, abs=0.01)
 
 
-def test_what_is_no_wall_or_no_straight_way_is_refused():
+def test_what_is_no_wall_is_refused():
     with pytest.raises(ValueError, match="no wall ahead"):
         fit_wall(np.empty((0, 2)))
     with pytest.raises(ValueError, match="no flat wall"):
         fit_wall(seen(2.0, 0.0, noise=0.2))
     with pytest.raises(ValueError, match="turned by"):
         fit_wall(seen(2.0, 0.8, noise=0.0))
-    with pytest.raises(ValueError, match="straight run"):
-        check_straight(np.array([1.0, 1.1]))
-    for runs, why in (
-        ([Run(1.0, 11.0)], "10 times apart"),
-        ([Run(1.0, 0.05)], "10 times apart"),
-        ([Run(1.0, 0.0)], "more than 0"),
-        ([Run(1.0, math.nan)], "more than 0"),
-        ([Run(1.0, 1.0), Run(1.0, 1.05)], "the runs differ by 4.9%"),
-    ):
-        with pytest.raises(ValueError, match=why):
-            calibrate_distance(runs, COUNTS)
-
-
-@pytest.mark.long
-def test_the_twin_is_calibrated():
-    """Its wheels and its track err, as drawn; the chair that drives it learns by how much."""
-    errors = OdometrySettings(diameter_error=0.01, track_error=0.02)
-    hosted = Hosted(box(6.0), sensors=SensorSettings(odometry=errors))
-    squares = []
-    for left in (True, False):
-        start = hosted.twin.plant.pose
-
-        def found(_what, start=start):
-            c, s = math.cos(start[2]), math.sin(start[2])
-            x, y = hosted.twin.plant.pose[:2] - start[:2]
-            return np.array([c * x + s * y, c * y - s * x])
-
-        squares.append(drive_square(hosted.chair, 2.0, left, found))
-    told = calibrate(squares, TRACK)
-    true = hosted.twin.plant.chair.chairs.parameters[0]
-    hosted.close()
-    assert told.track == pytest.approx(true["track"], rel=2e-3)
-    assert told.ratio == pytest.approx(true["radius_right"] / true["radius_left"], rel=1e-3)
-    assert told.after < 0.2 * told.before

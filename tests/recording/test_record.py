@@ -94,6 +94,24 @@ def test_a_replayed_run_is_seen_and_judged_the_same(run):
             assert all(array.flags.writeable for array in arrays)
 
 
+def test_a_recording_holds_what_identification_needs(run):
+    """Counts, duties, volts and commands of each period, and the time of each scan."""
+    for chapter in read_recording(run[0]):
+        rows = np.concatenate([each["reports"] for each in chapter.wheels])
+        stamps = [state.reading.stamp for state in chapter.states]
+        assert len(rows) == STEPS + 1
+        assert np.allclose(rows["stamp"], stamps)
+        assert [each["scans"].tolist() for each in chapter.wheels] == [[t] for t in stamps]
+        travel = np.diff(rows["counts"], axis=0).mean(axis=1) / 4346.0
+        twists = [state.reading.twist[0] for state in chapter.states[1:]]
+        assert np.allclose(travel, np.array(twists) * np.diff(stamps), atol=1e-9)
+        limits = chapter.settings.chair.limits
+        assert (np.abs(rows["command"]) <= (limits.forward, limits.turn)).all()
+        assert np.abs(rows["command"]).max() > 0.05
+        assert (rows["voltage"] > 30.0).all()
+        assert np.abs(rows["duties"]).max() > 0.01
+
+
 def assert_same(observation, other):
     assert observation.keys() == other.keys()
     for key in observation:

@@ -1,15 +1,19 @@
 """Laws of what is drawn for each episode: sensor errors and the delay of commands."""
 
+import dataclasses
+import hashlib
+
 import numpy as np
 import pytest
 
-from tests.sim.worlds import box
+from tests.sim.worlds import box, busy, cluttered
 from wheelchair_gym.base.settings import InputError, load
+from wheelchair_gym.geometry.kinematics import DriveGeometry
 from wheelchair_gym.safety import Shield
-from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
+from wheelchair_gym.sensors.settings import LaserSettings, OdometrySettings, SensorSettings
 from wheelchair_gym.sim.chair import SimulatedChair
-from wheelchair_gym.sim.randomization import RANDOMIZED, Randomization
-from wheelchair_gym.sim.settings import ChairSettings
+from wheelchair_gym.sim.randomization import RANDOMIZED, JointRandomization, Randomization
+from wheelchair_gym.sim.settings import ChairSettings, MotorSettings, PhysicsSettings
 
 # Where the parameters of an episode hold each quantity.
 FIELDS = {
@@ -20,11 +24,26 @@ FIELDS = {
     "laser.y_error": lambda p: p["laser_mount"][0, :2, 1],
     "laser.yaw_error": lambda p: p["laser_mount"][0, :2, 2] - (0.0, 3.0),
     "ultrasonic.sigma": lambda p: p["ranger_sigma"][0],
-    "odometry.diameter_error": lambda p: p["diameter_error"],
-    "odometry.track_error": lambda p: p["track_error"],
+    "odometry.diameter_error": lambda p: 2.0 * (p["radius_right"] - p["radius_left"]) / radii(p),
+    "odometry.track_error": lambda p: p["track"] / p["nominal_track"] - 1.0,
     "odometry.variance": lambda p: p["wheel_variance"],
     "command_delay": lambda p: p["delay"] * p["dt"],
+    "laser.offset_error": lambda p: p["laser_offset"][0, :2],
+    "odometry.scale_error": lambda p: 0.5 * radii(p) / p["nominal_radius"] - 1.0,
+    "body.mass": lambda p: p["mass"],
+    "body.rolling_resistance": lambda p: p["body"]["rolling_resistance"],
+    "body.caster_drag": lambda p: p["body"]["caster_drag"],
+    "motor.gain": lambda p: p["gain"],
+    "motor.resistance": lambda p: p["motor"]["resistance"],
+    "physics.slope": lambda p: np.arcsin(np.hypot(*p["pull"].T) / 9.81),
 }
+SCALE = {"body.mass": 1000.0, "motor.gain": 10.0}  # of the numbers of the tests
+
+
+def radii(p):
+    return p["radius_right"] + p["radius_left"]
+
+
 TWO = SensorSettings(more_lasers=(LaserSettings(x=-0.2, yaw=3.0, beams=31),))
 AHEAD = np.array([0.5, 0.0])
 
@@ -44,7 +63,9 @@ def test_every_quantity_is_tested():
 
 @pytest.mark.parametrize("quantity", RANDOMIZED)
 def test_uniform_draws_fill_their_range_anew_in_each_episode(quantity):
-    values = drawn(Randomization(quantity=quantity, low=0.05, high=0.15))
+    scale = SCALE.get(quantity, 1.0)
+    row = Randomization(quantity=quantity, low=0.05 * scale, high=0.15 * scale)
+    values = drawn(row) / scale
     assert values.min() >= 0.05 - 1e-9
     assert values.max() <= 0.15 + 1e-9
     assert np.ptp(values) > 0.08
@@ -54,11 +75,68 @@ def test_uniform_draws_fill_their_range_anew_in_each_episode(quantity):
 
 @pytest.mark.parametrize("quantity", RANDOMIZED)
 def test_normal_draws_have_their_mean_and_stay_in_bounds(quantity):
-    values = drawn(Randomization(quantity=quantity, distribution="normal", mean=0.05, std=0.03))
+    scale = SCALE.get(quantity, 1.0)
+    row = {
+        "quantity": quantity,
+        "distribution": "normal",
+        "mean": 0.05 * scale,
+        "std": 0.03 * scale,
+    }
+    values = drawn(load(Randomization, row, "row")) / scale
     assert abs(values.mean() - 0.05) < 0.02
     assert 0.015 < values.std() < 0.045
-    if not quantity.endswith(("x_error", "y_error", "yaw_error")):
+    if not quantity.endswith("_error") and quantity != "physics.slope":
         assert values.min() >= 0.0
+
+
+@pytest.mark.parametrize("quantity", RANDOMIZED)
+def test_equal_bounds_mean_that_value(quantity):
+    value = 0.1 * SCALE.get(quantity, 1.0)
+    values = drawn(Randomization(quantity=quantity, low=value, high=value), 3)
+    assert values == pytest.approx(value, rel=1e-9)
+
+
+def test_a_joint_row_draws_its_covariance():
+    """A weak motor with a light chair: the ratio is known, either alone is not."""
+    names = ("motor.gain", "body.mass", "laser.offset_error")
+    spread = np.array([(0.2, 0.0), (28.0, 0.0), (0.0, 0.01)])
+    joint = JointRandomization(
+        quantities=names, mean=(1.0, 140.0, 0.02), covariance=(spread @ spread.T).tolist()
+    )
+    chair, found = SimulatedChair(ChairSettings(joint=joint), sensors=TWO), []
+    for key in range(400):
+        chair.reset(box(), key)
+        p = chair.parameters
+        found.append([p["gain"][0], p["mass"][0], *p["laser_offset"][0, :2]])
+    gain, mass, offset, second = np.array(found).T
+    assert gain.std() == pytest.approx(0.2, rel=0.1)
+    assert gain.mean() == pytest.approx(1.0, abs=0.03)
+    assert np.allclose(mass / gain, 140.0)
+    assert offset.std() == pytest.approx(0.01, rel=0.1)
+    assert abs(np.corrcoef(gain, offset)[0, 1]) < 0.15
+    assert not second.any()  # of the second scanner
+    settings = ChairSettings(joint=joint)
+    assert settings.max_mass == pytest.approx(140.0 + 28.0 * 3.46)
+    assert settings.min_gain == pytest.approx(1.0 - 0.2 * 3.46)
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"mean": [1.0]}, "expected 2 means"),
+        ({"covariance": [[1.0, 0.5], [0.4, 1.0]]}, "not symmetric"),
+        ({"covariance": [[0.1, 0.2], [0.2, 0.1]]}, "not positive semidefinite"),
+        ({"mean": [1.0, 5.0]}, "mean of body.mass: expected 20 to 400"),
+        ({"quantities": ["body.mass", "body.mass"], "mean": [90.0, 90.0]}, "names body.mass twice"),
+        ({"quantities": ["motor.gain", "laser.sigma"]}, "mean of laser.sigma"),
+    ],
+)
+def test_a_wrong_joint_row_is_refused_in_one_line(changed, message):
+    row = {"quantities": ["motor.gain", "body.mass"], "mean": [1.0, 90.0],
+           "covariance": [[0.01, 0.0], [0.0, 4.0]]}  # fmt: skip
+    load(ChairSettings, {"joint": row}, "chair.json")
+    with pytest.raises(InputError, match=message):
+        load(ChairSettings, {"joint": row | changed}, "chair.json")
 
 
 def test_without_rows_an_episode_is_as_the_settings_say():
@@ -144,3 +222,89 @@ def test_the_shield_stops_a_chair_whose_commands_are_late(delay):
 def test_what_is_wrong_is_named_in_one_line(rows, message):
     with pytest.raises(InputError, match=message):
         load(ChairSettings, {"randomization": rows}, "chair.json")
+
+
+DIGEST = "d6a7ff9aafae8fb7484ac05403d31351e4c4f585cdd4c3559b13d9015eab0eca"
+
+
+def test_default_settings_drive_as_before_there_were_others():
+    """To the micrometre, of what two chairs sense in two worlds: one drawn, one as specified."""
+    digest = hashlib.sha256()
+    for world in (cluttered, busy):
+        for randomize in (False, True):
+            sensors = SensorSettings(pose_source="odometry")
+            chair = SimulatedChair(ChairSettings(randomize=randomize), sensors)
+            chair.reset(world(3), 11)
+            for k in range(60):
+                twist = np.array([0.5 * np.sin(0.2 * k) + 0.2, np.cos(0.13 * k)])
+                reading, state = chair.drive(twist, k == 40), chair.state
+                for values in (
+                    reading.laser, reading.ultrasonic, reading.pose, reading.twist,
+                    chair.truth.pose, state["duty"], state["voltage"], state["charge"],
+                ):  # fmt: skip
+                    values = np.nan_to_num(np.asarray(values, np.float64), posinf=99, neginf=-9)
+                    digest.update((np.round(values, 6) + 0.0).tobytes())
+    assert digest.hexdigest() == DIGEST
+
+
+def test_a_ratio_of_the_wheels_that_is_known_is_no_error():
+    """It drives straight, and its odometry knows where it is; one that is unknown turns it."""
+    drives = {
+        "known": ChairSettings(drive=DriveGeometry(wheel_ratio=1.02)),
+        "unknown": ChairSettings(
+            randomization=(Randomization("odometry.diameter_error", low=0.02, high=0.02),)
+        ),
+    }
+    yaws = {}
+    for name, settings in drives.items():
+        sensors = SensorSettings(pose_source="odometry", odometry=OdometrySettings(0.0, 0.0, 0.0))
+        chair = SimulatedChair(settings, sensors)
+        chair.reset(box(50.0), 0)
+        for _ in range(80):
+            reading = chair.drive(np.array([0.5, 0.0]))
+        p = chair.parameters[0]
+        assert p["radius_right"] / p["radius_left"] == pytest.approx(1.02, abs=3e-4)
+        yaws[name] = chair.truth.pose[2]
+        off = np.abs(reading.pose - chair.truth.pose).max()
+        assert off < 0.01 if name == "known" else off > 0.1
+    assert abs(yaws["known"]) < 1e-3
+    assert yaws["unknown"] > 0.1
+
+
+def test_a_chair_rolls_down_a_slope_that_its_motors_do_not_hold():
+    """With motors that resist little, at g sin(angle) less rolling resistance."""
+    free = ChairSettings(motor=MotorSettings(resistance=100.0, kp=0.0, ki=0.0, ka=0.0))
+    for downhill, sign in ((0.0, 1.0), (np.pi, -1.0), (np.pi / 2.0, 0.0)):
+        physics = PhysicsSettings(slope=0.05, downhill=downhill)
+        chair = SimulatedChair(free, SensorSettings(noise=False), physics)
+        chair.reset(box(50.0), 0)
+        for _ in range(10):
+            chair.drive(np.zeros(2))
+        speed = 9.81 * np.sin(0.05) * 1.0
+        assert sign * chair.truth.twist[0] == pytest.approx(abs(sign) * speed, rel=0.5, abs=2e-3)
+        if sign:
+            assert 0.3 * speed < sign * chair.truth.twist[0] < speed
+
+
+def test_an_offset_that_the_chair_knows_does_not_reach_a_reading():
+    exact = LaserSettings(sigma=0.0, bias=0.0, dropout=0.0, offset=0.05)
+    known = SimulatedChair(sensors=SensorSettings(laser=exact)).reset(box(), 3).laser
+    plain = SensorSettings(laser=dataclasses.replace(exact, offset=0.0))
+    assert np.array_equal(known, SimulatedChair(sensors=plain).reset(box(), 3).laser)
+    row = Randomization(quantity="laser.offset_error", low=-0.05, high=-0.05)
+    unknown = SimulatedChair(ChairSettings(randomization=(row,)), sensors=plain)
+    assert np.allclose(unknown.reset(box(), 3).laser, known - 0.05, atol=1e-6)
+
+
+def test_a_board_may_believe_in_another_motor():
+    """The gain turns it faster than the feed-forward expects; the speed control makes it good."""
+    speeds = []
+    for gain, feed in ((1.0, None), (1.0, 1.85), (0.5, None)):
+        motor = MotorSettings(gain=gain, feed_constant=feed, ki=0.0)
+        chair = SimulatedChair(ChairSettings(motor=motor), SensorSettings(noise=False))
+        chair.reset(box(50.0), 0)
+        for _ in range(30):
+            chair.drive(np.array([0.5, 0.0]))
+        speeds.append(chair.truth.twist[0])
+    assert speeds[1] < speeds[0] - 0.05
+    assert speeds[2] < speeds[0] - 0.005

@@ -137,7 +137,16 @@ class DriveGeometry:
     counts_per_metre: float = setting(
         default=4346.0, unit="1/m", low=1.0, source="encoder of the prototype"
     )
-    """Encoder counts per metre of a wheel's path."""
+    """Encoder counts per metre of a wheel's path, of the mean wheel."""
+    wheel_ratio: float = setting(
+        default=1.0, low=0.8, high=1.25, source="equal tyres; `wheelchair fit` measures it"
+    )
+    """Diameter of the right wheel over that of the left one."""
+
+    @property
+    def wheel_shares(self) -> tuple[float, float]:
+        """Radii of the left and the right wheel over their mean, `wheel_radius`."""
+        return 2.0 / (1.0 + self.wheel_ratio), 2.0 * self.wheel_ratio / (1.0 + self.wheel_ratio)
 
 
 @kernel

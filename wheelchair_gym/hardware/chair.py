@@ -14,11 +14,13 @@ import contextlib
 import logging
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wheelchair_gym.base.arrays import Array
-from wheelchair_gym.geometry.kinematics import Limits
+from wheelchair_gym.geometry.kinematics import DriveGeometry, Limits
 from wheelchair_gym.hardware.boards import protocol
 from wheelchair_gym.hardware.boards.parameters import board_parameters
 from wheelchair_gym.hardware.boards.protocol import Command, CommandFlag, Fault, Mode, Switch
@@ -28,7 +30,7 @@ from wheelchair_gym.hardware.settings import HardwareSettings, check_boards
 from wheelchair_gym.safety import stops
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sim.settings import ChairSettings
-from wheelchair_gym.types import Episode, Reading, Stick
+from wheelchair_gym.types import WHEELS, Episode, Reading, Stick
 
 _LOG = logging.getLogger(__name__)
 STOP = Command(0.0, 0.0, CommandFlag.PROTECTIVE)
@@ -43,7 +45,24 @@ _REFUSED: dict[int, str] = {
 _FINAL_STOPS = 4  # stop commands at the end: noise may destroy one
 _COMMAND_PERIOD = 0.02  # s between two commands: a tenth of the drive board's timeout of 0.2 s
 _POLL_PERIOD = 0.005  # s between two reads of the ports: a quarter of the odometry's period
+_ACTING = (
+    0.0045  # s: half a control period at 200 Hz, and until the motors are set and counts are taken
+)
 _FINE = 0.001  # s between two checks for the next odometry
+
+
+def for_equal_wheels(command: Command, drive: DriveGeometry, speed: float) -> Command:
+    """The command by which a board that takes both wheels for equal drives a twist.
+
+    `speed` [m/s] is the board's present set point: while it rises, so does the turn that unequal
+    wheels ask for.
+    """
+    left, right = drive.wheel_shares
+    if left == right:
+        return command
+    mean, unequal = 0.5 * (1.0 / left + 1.0 / right), 0.5 * (1.0 / right - 1.0 / left)
+    v = mean * command.v + 0.5 * drive.track * unequal * command.w
+    return command._replace(v=v, w=mean * command.w + 2.0 * unequal * speed / drive.track)
 
 
 class HardwareChair(RealChair):
@@ -97,6 +116,7 @@ class HardwareChair(RealChair):
         self.commanded = np.zeros(2)
         self._travel, self._read_at = np.zeros(2), 0.0  # of the last reading
         self._closed = False
+        self._wheels: list[tuple[Any, ...]] = []
         self._start_guard(self._guard, _POLL_PERIOD)
 
     def reset(self, episode: Episode | None = None, key: int = 0) -> Reading:
@@ -143,6 +163,7 @@ class HardwareChair(RealChair):
             odometry, self._travel = self.senses.odometer.at(self._read_at)
             self._begin(odometry)
             self.senses.pressed = False
+            self.senses.wheels.clear()
             return self._reading(self._stop_reason(), np.zeros(2))
 
     def drive(self, twist: Array, protective: bool = False) -> Reading:
@@ -214,6 +235,35 @@ class HardwareChair(RealChair):
         why = why or (stops.NOT_HELD if not report.flags & protocol.JoystickFlag.HELD else "")
         why = why or (stops.OFF_CENTRE if report.flags & protocol.JoystickFlag.MUST_CENTRE else "")
         return Stick(report.forward, report.left, False), why
+
+    @property
+    def wheels(self) -> NDArray[np.void]:
+        """See `Chair.wheels`: at 50 Hz."""
+        return np.array(self._wheels, WHEELS)
+
+    def _report_of(self, state: protocol.Odometry, made: float) -> tuple[Any, ...]:
+        """A row of WHEELS of an odometry and of the time [s] when it was made."""
+        pairs = ((state.left, state.right), (state.speed_left, state.speed_right),
+                 (state.duty_left, state.duty_right))  # fmt: skip
+        target = self._target
+        driven = (state.v, state.w), (target.v, target.w)
+        stamp = made - self._begun
+        acting = stamp + _ACTING
+        return stamp, *pairs, acting, state.battery, *driven, state.echo, state.age, state.stamp
+
+    @property
+    def scan_stamps(self) -> tuple[float, ...]:
+        """See `Chair.scan_stamps`."""
+        return tuple(self.senses.stamp_of(name) - self._begun for name in self.senses.scans)
+
+    @property
+    def board_parameters(self) -> dict[str, dict[str, float]]:
+        """See `Chair.board_parameters`."""
+        tables = self.senses.parameters.items()
+        return {
+            board: {name: held.value for name, held in table.reported.items()}
+            for board, table in tables
+        }
 
     @property
     def report(self) -> dict[str, float | str]:
@@ -309,7 +359,10 @@ class HardwareChair(RealChair):
         if self.assisted:
             target = target._replace(flags=target.flags | CommandFlag.ASSISTED)
         if not self.settings.dry_run:
-            self.senses.drive.send(self._joystick_command() or target)
+            known = math.isfinite(self.senses.stamp_of("odometry"))
+            target, drive = self._joystick_command() or target, self.chair.drive
+            speed = self.senses.odometry.v if known else 0.0
+            self.senses.drive.send(for_equal_wheels(target, drive, speed))
 
     def _guard(self) -> None:
         """Receive data, replace a command that is no longer valid by a stop, repeat the others."""
@@ -345,4 +398,6 @@ class HardwareChair(RealChair):
         pose, _ = senses.odometer.at(now)
         ranges = senses.ranges(now)
         bumped, senses.pressed = senses.pressed, False
+        self._wheels = [self._report_of(*report) for report in senses.wheels]
+        senses.wheels.clear()
         return self._reading_of(pose, pose, twist, ranges, bumped, senses.odometry.battery, halted)

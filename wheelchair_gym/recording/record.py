@@ -156,6 +156,8 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         self._labels = dict(env.labels)
         drawn = {"number": told["episode_number"], "labels": self._labels, "settings": settings}
         values = vars(episode) | actors | told | drawn
+        if (boards := unwrapped(env.chair).board_parameters) is not None:
+            values["boards"] = boards
         path = None if env.task.guidance is None else np.asarray(env.task.path).tolist()
         if env.task.has_poses:  # the guidance itself, which searches poses of the outline
             path = env.settings.guidance
@@ -202,7 +204,10 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         ahead = env.points_ahead
         if ahead is not None:
             self._out.send("/lookahead", ahead)
-        report = unwrapped(env.chair).report
+        chair = unwrapped(env.chair)
+        reports = {"reports": chair.wheels, "scans": chair.scan_stamps}
+        self._out.write(topics.WHEELS, reports)
+        report = chair.report
         if report is not None:
             self._out.write(topics.BOARD, {"wall": time.time(), **report})
         self._log_changes(env.shown, reading.stamp)

@@ -28,7 +28,7 @@ from wheelchair_gym.recording.topics import EPISODE, SETTINGS, Content
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 from wheelchair_gym.types import Belief, Chair, Episode, Reading, Stick, Truth
 
-_TOPICS: Final = (EPISODE, topics.READING, topics.COMMAND, topics.VERDICT)
+_TOPICS: Final = (EPISODE, topics.READING, topics.COMMAND, topics.VERDICT, topics.WHEELS)
 
 
 class RecordedState(NamedTuple):
@@ -52,6 +52,7 @@ class RecordedEpisode(NamedTuple):
     states: list[RecordedState]  # (n + 1,)
     actions: list[NDArray[Any]]  # (n,) of (2,)
     verdicts: list[Content]  # (n,) of reward, terms, terminated, truncated
+    wheels: list[Content]  # (n + 1,) reports about the wheels and times of scans, where recorded
     changed: tuple[str, ...] = ()  # labels that changed in mid-drive
 
     @property
@@ -164,6 +165,8 @@ def _take(episodes: list[RecordedEpisode], topic: str, content: Any) -> None:
         states.append(_read_state(content, before, episodes[-1].settings.sensors))
     elif topic == topics.COMMAND:
         episodes[-1] = _take_command(episodes[-1], content)
+    elif topic == topics.WHEELS:
+        episodes[-1].wheels.append(topics.read_fields(topics.FIELDS[topics.WHEELS], content))
     else:
         episodes[-1].verdicts.append(topics.read_fields(topics.FIELDS[topics.VERDICT], content))
 
@@ -190,7 +193,8 @@ def _read_episode(content: Content) -> RecordedEpisode:
             f"another release wrote it (actor_size is {shorten(content.get('actor_size'))}, "
             f"expected {ACTOR.itemsize}): read it with that one"
         )
-    values = topics.read_fields(topics.FIELDS[EPISODE], content)
+    values = topics.read_fields(topics.FIELDS[EPISODE], content, "boards")
+    values.pop("boards", None)
     names = "settings", "seed", "number", "split", "labels", "routes", "actor_size"
     given, seed, number, split, labels, routes, _ = map(values.pop, names)
     values["actors"] = Actors(values["actors"], routes)
@@ -212,7 +216,7 @@ def _read_episode(content: Content) -> RecordedEpisode:
         raise ValueError(f"another release wrote it ({error}): read it with that one") from None
     episode = Episode(**values)
     return RecordedEpisode(
-        settings, episode, path, labels, seed, number, check_split(split), [], [], []
+        settings, episode, path, labels, seed, number, check_split(split), [], [], [], []
     )
 
 

@@ -13,7 +13,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from wheelchair_gym import signals
+from wheelchair_gym import signals, types
 from wheelchair_gym.actors.records import ACTOR
 from wheelchair_gym.base.errors import shorten
 from wheelchair_gym.base.files import LIMITS, check_cells, is_coordinate
@@ -30,6 +30,7 @@ SHIELD: Final = "/shield"  # what the shield made of the command
 VERDICT: Final = "/verdict"
 BATTERY: Final = "/battery"
 BOARD: Final = "/board"  # of a real chair: wall time, and the drive board's report
+WHEELS: Final = "/wheels"  # what identification needs: reports about the wheels, times of scans
 # Settings of an environment that judging needs, or another drive with the same person.
 SETTINGS: Final = (
     "rate", "chair", "sensors", "task", "shield", "physics", "localization", "driver",
@@ -233,6 +234,7 @@ FIELDS: Final[dict[str, dict[str, Kind]]] = {
         "number": INTEGER,  # of the episode, of that seed
         "split": TEXT,
         "labels": OBJECT,  # `NavigationEnv.labels`
+        "boards": OBJECT,  # `Chair.board_parameters` of a real chair
     },
     READING: reading_fields(),
     COMMAND: {
@@ -250,6 +252,7 @@ FIELDS: Final[dict[str, dict[str, Kind]]] = {
         "truncated": FLAG,
     },
     BATTERY: {"voltage": _nullable(math.nan)},
+    WHEELS: {"reports": _packed(types.WHEELS), "scans": numbers(-1)},
     BOARD: {
         "wall": NUMBER,
         **dict.fromkeys(("mode", "faults", "switches"), TEXT),
@@ -263,7 +266,7 @@ def json_schema(topic: str) -> dict[str, Any]:
     fields = FIELDS[topic]
     optional = {
         READING: ("particles", "map", "stick"), COMMAND: ("stick", "labels"),
-        BOARD: set(fields) - {"wall"},
+        BOARD: set(fields) - {"wall"}, EPISODE: ("boards",),
     }.get(topic, ())  # fmt: skip
     return {
         "type": "object",

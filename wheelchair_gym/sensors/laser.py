@@ -81,6 +81,7 @@ class LaserArrays(NamedTuple):
     sigma: float  # m
     no_echo: float
     bias: float  # m
+    offset: float  # m, beside the bias
     number: int  # among the chair's scanners
     start: int  # its first range in a reading
     shows_free: int  # 1: space that its beams cross is free
@@ -106,6 +107,7 @@ class LaserArrays(NamedTuple):
             laser.sigma * share,
             laser.dropout * share,
             laser.bias * share,
+            0.0,
             number,
             start,
             int(laser.shows_free),
@@ -240,12 +242,13 @@ def exact_scan(
 def add_laser_noise(laser: LaserArrays, key: np.uint64, step: int, out: Floats) -> None:
     """Turn exact ranges (beams,) into what the scanner reports, in place.
 
-    Bias of the episode, noise, lost echoes; no echo within reach is +inf, too near is -inf.
+    Offset, bias of the episode, noise, lost echoes; no echo within reach is +inf, too near is -inf.
     """
     seed = bits(key, step, LASER, 0)
     low, high = _U(seed), _U(seed >> np.uint64(32))
     scale = _F(laser.sigma) * _PER_COUNT
-    offset = _F(laser.bias * normal(key, 0, LASER_BIAS, laser.number)) - _MEAN * scale
+    bias = laser.bias * normal(key, 0, LASER_BIAS, laser.number)
+    offset = _F(bias + laser.offset) - _MEAN * scale
     lost = _U(min(laser.no_echo * 2.0**32, 2.0**32 - 1.0))
     reach, nearest = _F(laser.reach), _F(laser.nearest)
     for i in range(np.uint64(out.shape[0])):
@@ -350,11 +353,13 @@ def scanner_pointers(sensors: SensorSettings, noise: bool) -> Pointers:
 def scanner_at(address: Any, count: int, k: int) -> LaserArrays:
     """Scanner k of `count` whose records lie at an address."""
     one = scanners_at(address, count)[k]
-    return laser_arrays(one, doubles_at(one.mount, 3), one.sigma, one.no_echo, one.bias)
+    return laser_arrays(one, doubles_at(one.mount, 3), one.sigma, one.no_echo, one.bias, 0.0)
 
 
 @inlined
-def laser_arrays(one: Any, mount: Any, sigma: float, no_echo: float, bias: float) -> LaserArrays:
+def laser_arrays(
+    one: Any, mount: Any, sigma: float, no_echo: float, bias: float, offset: float
+) -> LaserArrays:
     """Return the arrays of a record of SCANNER with another mount and other errors."""
     return LaserArrays(
         floats_at(one.cosine, one.beams),
@@ -368,6 +373,7 @@ def laser_arrays(one: Any, mount: Any, sigma: float, no_echo: float, bias: float
         sigma,
         no_echo,
         bias,
+        offset,
         one.number,
         one.start,
         one.shows_free,

@@ -50,7 +50,7 @@ def update_odometry(state: Any, p: Any) -> None:
     distances = (0.0, 0.0)
     for i in range(2):
         counts = math.floor(state.turned[i] * p.nominal_radius * p.counts_per_metre)
-        way = (counts - state.measured_counts[i]) / p.counts_per_metre
+        way = (counts - state.measured_counts[i]) / p.counts_per_metre * p.wheel_share[i]
         state.measured_counts[i] = counts
         distances = (way, distances[1]) if i == 0 else (distances[0], way)
     period = p.dt * p.substeps

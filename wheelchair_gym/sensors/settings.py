@@ -57,7 +57,11 @@ class LaserSettings(Mount):
     dropout: float = setting(default=0.005, low=0.0, high=1.0)
     """Share of beams without an echo."""
     bias: float = setting(default=0.002, unit="m", low=0.0, high=1.0)
-    """Standard deviation of the offset that all ranges of an episode share."""
+    """Standard deviation of the offset that all ranges of an episode share and nobody knows."""
+    offset: float = setting(
+        default=0.0, unit="m", low=-1.0, high=1.0, source="`wheelchair fit` measures it"
+    )
+    """Known error of all ranges: the scanner adds it, the chair subtracts it."""
     shows_free: bool = setting(default=False, source="a camera may look over what is low")
     """Of a further scanner: space that its beams cross counts as seen by the shield, and what
     enters it as moving, as with the first scanner. For a scanner in the plane of the first."""

@@ -18,7 +18,7 @@ from wheelchair_gym.sim.settings import ChairSettings, PhysicsSettings
 from wheelchair_gym.sim.state import SENSED
 from wheelchair_gym.sim.step import reset_chair, step_chair
 from wheelchair_gym.sim.world import NO_POSES
-from wheelchair_gym.types import Belief, Chair, Episode, Reading, Truth
+from wheelchair_gym.types import WHEELS, Belief, Chair, Episode, Reading, Truth
 
 _STORE = 64  # records made at once
 _COLUMNS = SENSED.names or ()
@@ -172,6 +172,27 @@ class SimulatedChair(Chair):
         """The dead-reckoned pose; with pose source 'truth', which has no drift, the true one."""
         exact = self.sensors.pose_source == "truth"
         return Belief(np.array(self.chairs.states["estimated_pose" if exact else "odometry"][0]))
+
+    @property
+    def wheels(self) -> NDArray[np.void]:
+        """See `Chair.wheels`: one report, as of the latest reading."""
+        state: Any = self.chairs.states[0]
+        rows = np.zeros(1, WHEELS)
+        rows["stamp"] = rows["board_stamp"] = state["tick"] * self.physics.step
+        rows["counts"], rows["speeds"] = state["measured_counts"], state["speed"]
+        rows["duties"], rows["voltage"] = state["duty"], state["voltage"]
+        rows["duty_stamp"] = rows["stamp"] - 0.5 / self.settings.motor.control_rate
+        rows["set_point"] = state["v"], state["w"]
+        if state["step"]:
+            rows["command"] = self.chairs.pointers.array("drives", 0)[state["step"] - 1, :2]
+        rows["echo"] = -1
+        return rows
+
+    @property
+    def scan_stamps(self) -> tuple[float, ...]:
+        """See `Chair.scan_stamps`: of the latest reading."""
+        now = float(self.chairs.states["tick"][0] * self.physics.step)
+        return (now,) * len(self.sensors.lasers)
 
     @property
     def state(self) -> Rows:

@@ -24,6 +24,8 @@ from wheelchair_gym.engine import (
     VX,
     VY,
     W,
+    X,
+    Y,
     body_view,
     move_freely,
     step_space,
@@ -36,11 +38,9 @@ from wheelchair_gym.geometry.kinematics import (
     wheels_of_twist,
 )
 from wheelchair_gym.geometry.planar import body_to_world, world_to_body
-from wheelchair_gym.sim.settings import MOTOR_RESISTANCE, WHEEL_INERTIA
+from wheelchair_gym.sim.settings import WHEEL_INERTIA
 
 CASTER_TRACK = 0.46  # m between the two casters
-CASTER_DRAG = 0.03  # resistance of the casters to rolling and swivelling, as a share of their load
-ROLLING_RESISTANCE = 0.015  # of the drive wheels, as a share of their load: pneumatic tyres
 BATTERY_RESISTANCE = 0.1  # ohm, internal
 _SWEEPS = 20  # of Gauss-Seidel, when a wheel slips
 _BRAKING_SHARE = 0.8  # of what it can brake: wheels follow their set point late
@@ -55,6 +55,7 @@ class DriveConstants(NamedTuple):
     counts_per_rad: float
     metres_per_run: float  # m/s of one count in a run
     feed: float  # V s/m of feed-forward
+    per_ohm: float  # A/V
     drag: float  # N s, of one caster in a physics step
     rolling: float  # N m per m of radius
     bound: float  # N s, that a tyre holds in a physics step
@@ -83,9 +84,10 @@ def drive_constants(p: Any) -> DriveConstants:
         run / (p.motor.filter_time + run),
         p.nominal_radius * p.counts_per_metre,
         1.0 / (p.counts_per_metre * run),
-        p.motor.torque_constant / p.nominal_radius,
-        0.5 * CASTER_DRAG * on_casters * p.dt,
-        ROLLING_RESISTANCE * grip,
+        p.feed_constant / p.nominal_radius,
+        1.0 / p.motor.resistance,
+        0.5 * p.body.caster_drag * on_casters * p.dt,
+        p.body.rolling_resistance * grip,
         p.friction * grip * p.dt,
         (p.radius_left, p.radius_right),
         (1.0 / p.radius_left, 1.0 / p.radius_right),
@@ -133,10 +135,14 @@ def update_explained_motion(state: Any, p: Any, k: DriveConstants) -> None:
 
 @borrowing_kernel
 def control_speed(state: Any, p: Any, k: DriveConstants) -> None:
-    """One run of the two wheels' PID with feed-forward, on quantised encoder counts."""
+    """One run of the two wheels' PID with feed-forward, on quantised encoder counts.
+
+    As on the drive board, both wheels count as equal: the host divides each wheel's speed by its
+    share of the mean radius.
+    """
     left, right = wheels_of_twist(state.v, state.w, p.nominal_track)
     for i in range(2):
-        target = left if i == 0 else right
+        target = (left if i == 0 else right) / p.wheel_share[i]
         counts = math.floor(state.turned[i] * k.counts_per_rad)
         measured = (counts - state.counts[i]) * k.metres_per_run
         state.counts[i] = counts
@@ -146,7 +152,7 @@ def control_speed(state: Any, p: Any, k: DriveConstants) -> None:
         error = state.target[i] - state.speed[i]
         slope = (error - state.error[i]) / k.run
         state.error[i] = error
-        rate = state.v_rate + (i - 0.5) * p.nominal_track * state.w_rate
+        rate = (state.v_rate + (i - 0.5) * p.nominal_track * state.w_rate) / p.wheel_share[i]
         forward = k.feed * target + p.motor.ka * rate
         volts = forward + p.motor.kp * error + state.integral[i] + p.motor.kd * slope
         if target == 0.0 and abs(state.speed[i]) < 0.5 * k.metres_per_run:
@@ -179,7 +185,7 @@ def _turn_wheel(state: Any, p: Any, k: DriveConstants, i: int) -> tuple[float, f
     """Return what a wheel brings along [N s], and what its motor driver draws [A]."""
     motor, spin = p.motor, state.spin[i]
     state.turned[i] += spin * p.dt  # as the body moves in this step: by its velocity before
-    amperes = (state.duty[i] * state.voltage - motor.torque_constant * spin) / MOTOR_RESISTANCE
+    amperes = (state.duty[i] * state.voltage - motor.torque_constant * spin) * k.per_ohm
     amperes = min(motor.current_limit, max(-motor.current_limit, amperes))
     rim = spin * k.radii[i]
     # The sign of the speed, smooth about rest.
@@ -238,6 +244,19 @@ def _drain_battery(state: Any, p: Any, drawn: float) -> None:
     empty, full = battery.empty_voltage, battery.full_voltage
     rest = empty + (full - empty) * state.charge / p.capacity
     state.voltage = rest - BATTERY_RESISTANCE * power / rest
+
+
+@borrowing_kernel
+def pull_body(fields: Any, dt: float, x: float, y: float) -> None:
+    """Accelerate a body (x, y) [m/s2] for the coming physics step.
+
+    Munk2D moves a body by its speed before a step, and tyres react within the step: this part of
+    the speed must not move it.
+    """
+    fields[VX] += x * dt
+    fields[X] -= x * dt * dt
+    fields[VY] += y * dt
+    fields[Y] -= y * dt * dt
 
 
 @borrowing_kernel

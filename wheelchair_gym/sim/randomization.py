@@ -1,7 +1,8 @@
-"""Sensor errors and delays that are drawn anew for each episode: one table of settings.
+"""Errors, delays and properties of the chair that are drawn anew for each episode.
 
-Each row names a quantity and the distribution of its value. Draws depend on the episode's key
-alone, so that a row of the vector environment draws as the single environment does.
+Each row names a quantity and the distribution of its value; one joint row draws quantities that
+depend on each other. Draws depend on the episode's key alone, so that a row of the vector
+environment draws as the single environment does.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from typing import Any, Final, Literal, get_args
 
 import numpy as np
 
+from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.settings import InputError, setting, settings
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.compiled.random import RANDOMIZATION, normal, uniform
@@ -19,25 +21,35 @@ from wheelchair_gym.compiled.random import RANDOMIZATION, normal, uniform
 RandomizedName = Literal[
     "laser.sigma", "laser.bias", "laser.dropout", "laser.x_error", "laser.y_error",
     "laser.yaw_error", "ultrasonic.sigma", "odometry.diameter_error", "odometry.track_error",
-    "odometry.variance", "command_delay",
+    "odometry.variance", "command_delay", "laser.offset_error", "odometry.scale_error", "body.mass",
+    "body.rolling_resistance", "body.caster_drag", "motor.gain", "motor.resistance",
+    "physics.slope",
 ]  # fmt: skip
 RANDOMIZED: Final = get_args(RandomizedName)
 (
     LASER_SIGMA, LASER_BIAS, LASER_DROPOUT, LASER_X, LASER_Y, LASER_YAW, SONAR_SIGMA, DIAMETER,
-    TRACK, VARIANCE, DELAY,
+    TRACK, VARIANCE, DELAY, LASER_OFFSET, SCALE, MASS, ROLLING, DRAG, GAIN, RESISTANCE, SLOPE,
 ) = range(len(RANDOMIZED))  # fmt: skip
 _FARTHEST = 3.46  # deviations: `compiled.random.normal` draws no farther
 _EACH = 64  # draws that a row may take: one for each scanner or ranger
+JOINED = 12  # most quantities of the joint row
+_JOINT_DRAWS = 1 << 20  # number of its first draw
+_SENSING = "laser.", "ultrasonic.", "odometry."  # quantities of sensors
 
 # Values of each quantity: drawn ones beyond are clipped, bounds of a distribution beyond refused.
-_BOUNDS: Final = dict.fromkeys(RANDOMIZED, (0.0, 1.0))
-_BOUNDS["laser.x_error"] = _BOUNDS["laser.y_error"] = (-1.0, 1.0)
-_BOUNDS["laser.yaw_error"] = (-math.pi, math.pi)
-_BOUNDS["odometry.diameter_error"] = _BOUNDS["odometry.track_error"] = (0.0, 0.2)
+_BOUNDS: Final[dict[str, tuple[float, float]]] = {
+    **dict.fromkeys(RANDOMIZED, (0.0, 1.0)),
+    **dict.fromkeys(("laser.x_error", "laser.y_error", "laser.offset_error"), (-1.0, 1.0)),
+    "laser.yaw_error": (-math.pi, math.pi),
+    **{f"odometry.{name}_error": (-0.2, 0.2) for name in ("diameter", "track", "scale")},
+    "body.mass": (20.0, 400.0), "motor.gain": (0.1, 10.0), "motor.resistance": (0.01, 100.0),
+    "physics.slope": (-0.3, 0.3),
+}  # fmt: skip
 
 DRAW = np.dtype(
     [
-        ("distribution", "i8"),  # 0: not drawn, 1: uniform, 2: normal
+        ("distribution", "i8"),  # 0: not drawn, 1: uniform, 2: normal, 3: in the joint row
+        ("row", "i8"),  # of the joint row's factor
         ("first", "f8"),  # lower bound, or mean
         ("second", "f8"),  # upper bound, or standard deviation
         ("low", "f8"),  # of the values
@@ -51,11 +63,16 @@ DRAW = np.dtype(
 class Randomization:
     """One quantity that is drawn for each episode, and its distribution.
 
-    `laser.sigma`, `laser.bias` [m], `laser.dropout`, `ultrasonic.sigma` [m],
-    `odometry.diameter_error`, `odometry.track_error`, `odometry.variance` [m2/m] and
-    `command_delay` [s] take the place of the setting of that name; scanners and ultrasonics draw
-    one each. `laser.x_error`, `laser.y_error` [m] and `laser.yaw_error` [rad] are how far each
-    scanner is mounted from where its settings say, which is what the chair believes.
+    `laser.sigma`, `laser.bias` [m], `laser.dropout`, `ultrasonic.sigma` [m], `odometry.variance`
+    [m2/m], `command_delay` [s], `body.mass` [kg], `body.rolling_resistance`, `body.caster_drag`,
+    `motor.gain`, `motor.resistance` [ohm] and `physics.slope` [rad] take the place of the setting
+    of that name; scanners and ultrasonics draw one each.
+
+    The others are errors of what the chair believes, with their sign: `laser.x_error`,
+    `laser.y_error`, `laser.offset_error` [m] and `laser.yaw_error` [rad] of each scanner, and the
+    relative errors of odometry. `odometry.diameter_error` is the difference of the wheels'
+    diameters (right minus left), `odometry.scale_error` that of their mean, `odometry.track_error`
+    that of the track.
     """
 
     quantity: RandomizedName = setting(default="laser.sigma")
@@ -88,49 +105,127 @@ class Randomization:
             )
 
     @property
-    def maximum(self) -> float:
-        """The greatest value that is drawn."""
-        top = self.high if self.distribution == "uniform" else self.mean + _FARTHEST * self.std
-        return min(top, _BOUNDS[self.quantity][1])
+    def bounds(self) -> tuple[float, float]:
+        """The least and the greatest value that is drawn."""
+        reach, (low, high) = _FARTHEST * self.std, _BOUNDS[self.quantity]
+        if self.distribution == "uniform":
+            return max(low, self.low), min(high, self.high)
+        return max(low, self.mean - reach), min(high, self.mean + reach)
 
 
-def check_randomization(rows: Iterable[Randomization]) -> None:
-    """Refuse a quantity that two rows name.
+@settings
+class JointRandomization:
+    """Quantities that are drawn together, from a normal distribution with a covariance.
+
+    So quantities of which a log shows only a combination keep that combination. Of several
+    scanners or ultrasonics the first one is drawn. Values are cut at the bounds of each quantity.
+    """
+
+    quantities: tuple[RandomizedName, ...] = setting(default=())
+    """Quantities that are drawn; see `Randomization`."""
+    mean: tuple[float, ...] = setting(default=(), unit="of each quantity")
+    """Mean of each quantity."""
+    covariance: tuple[tuple[float, ...], ...] = setting(default=(), unit="of the quantities")
+    """Covariance of the quantities, a row each."""
+
+    def __post_init__(self) -> None:
+        n, rows = len(self.quantities), self.covariance
+        if n > JOINED:
+            raise InputError(f"joint row: {n} quantities; expected at most {JOINED}")
+        if len(self.mean) != n or [len(row) for row in rows] != n * [n]:
+            raise InputError(f"joint row: expected {n} means and a covariance of {n} x {n}")
+        covariance = np.array(rows, np.float64)
+        if n and not np.allclose(covariance, covariance.T, rtol=1e-9, atol=0.0):
+            raise InputError("joint row: the covariance is not symmetric")
+        if n and np.linalg.eigvalsh(_correlation(covariance)).min() < -1e-9:
+            raise InputError("joint row: the covariance is not positive semidefinite")
+        for name, mean in zip(self.quantities, self.mean, strict=True):
+            low, high = _BOUNDS[name]
+            if not low <= mean <= high:
+                raise InputError(f"joint row: mean of {name}: expected {low:g} to {high:g}")
+
+    @property
+    def factor(self) -> Array:
+        """Matrix A (n, n) of which A A^T is the covariance."""
+        covariance = np.array(self.covariance, np.float64)
+        values, vectors = np.linalg.eigh(_correlation(covariance))
+        scale = np.sqrt(np.diag(covariance))
+        factor: Array = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+        return factor
+
+    def bounds(self, quantity: RandomizedName) -> tuple[float, float]:
+        """The least and the greatest value of one of the quantities."""
+        k, (low, high) = self.quantities.index(quantity), _BOUNDS[quantity]
+        reach = _FARTHEST * float(np.abs(self.factor[k]).sum())
+        return max(low, self.mean[k] - reach), min(high, self.mean[k] + reach)
+
+
+def _correlation(covariance: Array) -> Array:
+    """The covariance (n, n) of quantities in units of their deviations."""
+    scale = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    scale[scale == 0.0] = 1.0
+    correlation: Array = covariance / np.outer(scale, scale)
+    return correlation
+
+
+def check_randomization(rows: Iterable[Randomization], joint: JointRandomization) -> None:
+    """Refuse a quantity that is named twice.
 
     Raises:
         InputError: the first one that is named again.
     """
     seen = set()
-    for row in rows:
-        if row.quantity in seen:
-            raise InputError(f"randomization names {row.quantity} twice")
-        seen.add(row.quantity)
+    for name in (*(row.quantity for row in rows), *joint.quantities):
+        if name in seen:
+            raise InputError(f"randomization names {name} twice")
+        seen.add(name)
 
 
-def draws_of(rows: Iterable[Randomization], noise: bool) -> np.ndarray[Any, np.dtype[np.void]]:
+def draws_of(
+    rows: Iterable[Randomization], joint: JointRandomization, noise: bool
+) -> np.ndarray[Any, np.dtype[np.void]]:
     """The table as DRAW (len(RANDOMIZED),); without noise, sensors are not drawn."""
     draws = np.zeros(len(RANDOMIZED), DRAW)
-    for row in rows:
-        if not (noise or row.quantity == "command_delay"):
-            continue
-        is_uniform = row.distribution == "uniform"
-        numbers = (1, row.low, row.high) if is_uniform else (2, row.mean, row.std)
-        draws[RANDOMIZED.index(row.quantity)] = (*numbers, *_BOUNDS[row.quantity])
+    found: list[tuple[RandomizedName, tuple[float, ...]]] = [
+        (row.quantity, (1, 0, row.low, row.high))
+        if row.distribution == "uniform"
+        else (row.quantity, (2, 0, row.mean, row.std))
+        for row in rows
+    ]
+    for k, (name, mean) in enumerate(zip(joint.quantities, joint.mean, strict=True)):
+        found.append((name, (3, k, mean, 0.0)))
+    for name, numbers in found:
+        if noise or not name.startswith(_SENSING):
+            draws[RANDOMIZED.index(name)] = (*numbers, *_BOUNDS[name])
     return draws
+
+
+def factor_of(joint: JointRandomization) -> Array:
+    """The factor of the joint row, in the corner of zeros (JOINED, JOINED)."""
+    factor, n = np.zeros((JOINED, JOINED)), len(joint.quantities)
+    if n:
+        factor[:n, :n] = joint.factor
+    return factor
 
 
 @borrowing_kernel
 def drawn(p: Any, key: np.uint64, which: int, item: int, present: float) -> float:
     """The value of a quantity of one item in this episode; `present` where it is not drawn."""
     draw = p.draws[which]
-    if draw.distribution == 0:
+    if draw.distribution == 0 or (draw.distribution == 3 and item > 0):
         return present
     index = _EACH * which + item
     if draw.distribution == 1:
         share = uniform(key, 0, RANDOMIZATION, index)
         value = draw.first + (draw.second - draw.first) * share
-    else:
+    elif draw.distribution == 2:
         value = draw.first + draw.second * normal(key, 0, RANDOMIZATION, index)
+    else:
+        value = draw.first
+        for j in range(JOINED):
+            share = p.joint_factor[draw.row, j]
+            if share != 0.0:
+                value += share * normal(key, 0, RANDOMIZATION, _JOINT_DRAWS + j)
     return float(min(draw.high, max(draw.low, value)))
 
 
@@ -141,11 +236,10 @@ def randomize_sensors(p: Any, key: np.uint64) -> None:
         p.laser_sigma[k] = drawn(p, key, LASER_SIGMA, k, p.laser_sigma[k])
         p.laser_bias[k] = drawn(p, key, LASER_BIAS, k, p.laser_bias[k])
         p.laser_dropout[k] = drawn(p, key, LASER_DROPOUT, k, p.laser_dropout[k])
+        p.laser_offset[k] += drawn(p, key, LASER_OFFSET, k, 0.0)
         for axis in range(3):
             p.laser_mount[k, axis] += drawn(p, key, LASER_X + axis, k, 0.0)
     for k in range(p.ranger_sigma.shape[0]):
         p.ranger_sigma[k] = drawn(p, key, SONAR_SIGMA, k, p.ranger_sigma[k])
-    p.diameter_error = drawn(p, key, DIAMETER, 0, p.diameter_error)
-    p.track_error = drawn(p, key, TRACK, 0, p.track_error)
     p.wheel_variance = drawn(p, key, VARIANCE, 0, p.wheel_variance)
     p.delay = round(drawn(p, key, DELAY, 0, p.delay * p.dt) / p.dt)

@@ -56,7 +56,8 @@ class SensorSuite(Pointers):
 def scanner_of(suite: Any, p: Any, k: int) -> LaserArrays:
     """Scanner k of a suite's record, with the mount and the errors of an episode's parameters."""
     one, mount, bias = scanners_at(suite.scanners, suite.n_scanners)[k], p.laser_mount, p.laser_bias
-    return laser_arrays(one, mount[k], p.laser_sigma[k], p.laser_dropout[k], bias[k])
+    sigma, dropout, offset = p.laser_sigma[k], p.laser_dropout[k], p.laser_offset[k]
+    return laser_arrays(one, mount[k], sigma, dropout, bias[k], offset)
 
 
 @inlined

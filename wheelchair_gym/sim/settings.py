@@ -6,9 +6,13 @@ from wheelchair_gym.base.settings import InputError, Range, setting, settings
 from wheelchair_gym.engine import GRAVITY
 from wheelchair_gym.geometry.kinematics import DriveGeometry, Limits
 from wheelchair_gym.geometry.outline import Footprint
-from wheelchair_gym.sim.randomization import Randomization, check_randomization
+from wheelchair_gym.sim.randomization import (
+    JointRandomization,
+    Randomization,
+    RandomizedName,
+    check_randomization,
+)
 
-MOTOR_RESISTANCE = 1.0  # ohm, of a motor with its driver
 WHEEL_INERTIA = 0.15  # kg m2, of rotor and wheel
 
 
@@ -32,6 +36,10 @@ class BodySettings:
     """Distance of the casters ahead of the drive axle."""
     friction: float = setting(default=0.7, low=0.05, high=2.0, source="tyre on floor")
     """Coefficient of friction between tyre and floor."""
+    rolling_resistance: float = setting(default=0.015, low=0.0, high=0.5, source="pneumatic tyres")
+    """Resistance of the drive wheels to rolling, as a share of their load."""
+    caster_drag: float = setting(default=0.03, low=0.0, high=0.5)
+    """Resistance of the casters to rolling and swivelling, as a share of their load."""
     bumper_force: float = setting(default=20.0, unit="N", low=0.0, source="strip switches")
     """Force from which a bumper strip counts as pressed."""
 
@@ -48,6 +56,12 @@ class MotorSettings:
         default=3.7, unit="V s/rad", low=0.01, source="1.6 m/s at 36 V without load"
     )
     """Torque constant at the wheel, and back electromotive force per turn rate."""
+    gain: float = setting(default=1.0, low=0.1, high=10.0, source="loss-free motors")
+    """Torque over that of `torque_constant`: losses, and magnets other than specified."""
+    resistance: float = setting(default=1.0, unit="ohm", low=0.01, high=100.0)
+    """Resistance of a motor with its driver."""
+    feed_constant: float | None = setting(default=None, unit="V s/rad", low=0.0)
+    """Torque constant that the board's feed-forward assumes; None: `torque_constant`."""
     current_limit: float = setting(
         default=12.0, unit="A", low=0.1, source="driver of the prototype: 44 N m"
     )
@@ -64,6 +78,11 @@ class MotorSettings:
     """Time constant of the low-pass on the measured wheel speed."""
     control_rate: float = setting(default=100.0, unit="Hz", low=10.0, high=2000.0)
     """Frequency of the speed control."""
+
+    @property
+    def believed_constant(self) -> float:
+        """The torque constant [V s/rad] of the feed-forward."""
+        return self.torque_constant if self.feed_constant is None else self.feed_constant
 
 
 @settings
@@ -112,18 +131,40 @@ class ChairSettings:
     randomize: bool = setting(default=False)
     """True: mass, friction and motor gain are drawn for each episode."""
     randomization: tuple[Randomization, ...] = setting(default=())
-    """Sensor errors and delays that are drawn for each episode, whatever `randomize` is."""
+    """Quantities that are drawn for each episode, each by itself, whatever `randomize` is."""
+    joint: JointRandomization = JointRandomization()
     command_delay: float = setting(default=0.0, unit="s", low=0.0, high=1.0)
     """Delay from a command to its effect in simulation, rounded to whole physics steps."""
 
     def __post_init__(self) -> None:
-        check_randomization(self.randomization)
+        check_randomization(self.randomization, self.joint)
+
+    def bounds(self, quantity: RandomizedName, low: float, high: float) -> tuple[float, float]:
+        """The least and the greatest value of a quantity in any episode.
+
+        `low` and `high` are its bounds where no row of `randomization` or `joint` names it.
+        """
+        rows = [row.bounds for row in self.randomization if row.quantity == quantity]
+        if quantity in self.joint.quantities:
+            rows.append(self.joint.bounds(quantity))
+        return rows[0] if rows else (low, high)
 
     @property
     def longest_delay(self) -> float:
         """The longest delay [s] from a command to its effect in any episode."""
-        drawn = [row.maximum for row in self.randomization if row.quantity == "command_delay"]
-        return max(drawn, default=self.command_delay)
+        return self.bounds("command_delay", self.command_delay, self.command_delay)[1]
+
+    @property
+    def max_mass(self) -> float:
+        """The mass [kg] of the heaviest chair of the settings."""
+        mass = max(self.random.mass) if self.randomize else self.body.mass
+        return self.bounds("body.mass", mass, mass)[1]
+
+    @property
+    def min_gain(self) -> float:
+        """The motor gain of the weakest chair of the settings."""
+        drawn = min(self.random.gain) if self.randomize else 1.0
+        return drawn * self.bounds("motor.gain", self.motor.gain, self.motor.gain)[0]
 
     @property
     def grip(self) -> float:
@@ -136,10 +177,8 @@ class ChairSettings:
     def braking(self) -> float:
         """The deceleration [m/s2] that tyres and motors are sure to reach, on level ground."""
         motor, radius = self.motor, self.drive.wheel_radius
-        mass = max(self.random.mass) if self.randomize else self.body.mass
-        gain = min(self.random.gain) if self.randomize else 1.0
-        force = 2.0 * gain * motor.torque_constant * motor.current_limit / radius
-        return min(self.grip, force / (mass + 2.0 * WHEEL_INERTIA / radius**2))
+        force = 2.0 * self.min_gain * motor.torque_constant * motor.current_limit / radius
+        return min(self.grip, force / (self.max_mass + 2.0 * WHEEL_INERTIA / radius**2))
 
     @property
     def following_lag(self) -> float:
@@ -148,10 +187,9 @@ class ChairSettings:
         What that does not give of the volts for an acceleration, an error of speed has to.
         """
         motor = self.motor
-        mass = max(self.random.mass) if self.randomize else self.body.mass
-        gain = min(self.random.gain) if self.randomize else 1.0
-        pull = 2.0 * gain * motor.torque_constant / (MOTOR_RESISTANCE * self.drive.wheel_radius)
-        missing = max(0.0, mass / pull - motor.ka)  # V s2/m
+        ohm = self.bounds("motor.resistance", motor.resistance, motor.resistance)[1]
+        pull = 2.0 * self.min_gain * motor.torque_constant / (ohm * self.drive.wheel_radius)
+        missing = max(0.0, self.max_mass / pull - motor.ka)  # V s2/m
         return missing / motor.kp if motor.kp > 0.0 else 0.0
 
     @property
@@ -163,12 +201,16 @@ class ChairSettings:
 
 @settings
 class PhysicsSettings:
-    """Lengths of steps."""
+    """Length of a step, and the floor."""
 
     step: float = setting(
         default=0.01, unit="s", low=0.0005, high=0.05, source="ten in a control period"
     )
     """Physics step."""
+    slope: float = setting(default=0.0, unit="rad", low=-0.3, high=0.3, source="a level floor")
+    """Angle of the floor to the horizontal."""
+    downhill: float = setting(default=0.0, unit="rad", low=-6.3, high=6.3)
+    """Direction in the world in which a sloping floor falls."""
 
 
 def integer_ratio(long: float, short: float, names: str) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from wheelchair_gym.base.settings import copy_numbers, numbers_of
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.compiled.random import PARAMETERS, uniform
+from wheelchair_gym.engine import GRAVITY
 from wheelchair_gym.geometry.kinematics import LIMITS
 from wheelchair_gym.sensors.settings import (
     POSE_MAX,
@@ -19,7 +21,24 @@ from wheelchair_gym.sensors.settings import (
     SensorSettings,
 )
 from wheelchair_gym.signals import SENSED_READING, SENSED_TRUTH
-from wheelchair_gym.sim.randomization import DRAW, RANDOMIZED, draws_of, randomize_sensors
+from wheelchair_gym.sim.randomization import (
+    DIAMETER,
+    DRAG,
+    DRAW,
+    GAIN,
+    JOINED,
+    MASS,
+    RANDOMIZED,
+    RESISTANCE,
+    ROLLING,
+    SCALE,
+    SLOPE,
+    TRACK,
+    drawn,
+    draws_of,
+    factor_of,
+    randomize_sensors,
+)
 from wheelchair_gym.sim.settings import (
     BatterySettings,
     BodySettings,
@@ -43,12 +62,15 @@ PARAMETER = np.dtype(
         ("track", "f8"),  # m
         ("radius_left", "f8"),  # m
         ("radius_right", "f8"),  # m
+        ("pull", "f8", (2,)),  # m/s2: by gravity on the floor, in the world
         # motors
         ("gain", "f8"),
         # control, with the geometry the chair believes in
         ("nominal_track", "f8"),  # m
         ("nominal_radius", "f8"),  # m
+        ("wheel_share", "f8", (2,)),  # radii over the nominal one
         ("counts_per_metre", "f8"),
+        ("feed_constant", "f8"),  # V s/rad
         ("limits", LIMITS),
         # battery
         ("capacity", "f8"),  # J
@@ -70,9 +92,9 @@ PARAMETER = np.dtype(
         ("laser_mount", "f8", (SCANNERS, 3)),  # m, m, rad in the chair's frame
         ("laser_sigma", "f8", (SCANNERS,)),  # m
         ("laser_bias", "f8", (SCANNERS,)),  # m
+        ("laser_offset", "f8", (SCANNERS,)),  # m
         ("laser_dropout", "f8", (SCANNERS,)),
         ("ranger_sigma", "f8", (RANGERS,)),  # m
-        ("draws", DRAW, (len(RANDOMIZED),)),  # of what is drawn anew each episode
         # faults
         ("fault_share", "f8"),
         ("fault_onset", "f8", (2,)),  # s: from, to
@@ -84,6 +106,11 @@ PARAMETER = np.dtype(
         ("fire_every", "i8"),  # physics steps between two ultrasonic firings
         # people
         ("decide_every", "i8"),  # physics steps between two choices of a velocity
+        # what is drawn anew each episode, read at its reset
+        ("slope", "f8"),  # rad, of the floor
+        ("downhill", "f8"),  # rad, in the world
+        ("draws", DRAW, (len(RANDOMIZED),)),
+        ("joint_factor", "f8", (JOINED, JOINED)),
     ],
     align=True,
 )
@@ -216,7 +243,10 @@ def parameters(
     p["track_error"] = errors * odometry.track_error
     p["outline"] = chair.footprint.array
     p["nominal_track"], p["nominal_radius"] = drive.track, drive.wheel_radius
+    p["wheel_share"] = drive.wheel_shares
     p["counts_per_metre"] = drive.counts_per_metre
+    p["feed_constant"] = motor.believed_constant
+    p["slope"], p["downhill"] = physics.slope, physics.downhill
     p["limits"] = chair.limits.record
     p["capacity"] = battery.capacity * 3600.0
     p["wheel_variance"] = errors * odometry.variance
@@ -240,7 +270,8 @@ def parameters(
         p["laser_dropout"][k] = errors * laser.dropout
     for k, model in enumerate(sensors.ultrasonic.models):
         p["ranger_sigma"][k] = errors * model.sigma
-    p["draws"] = draws_of(chair.randomization, sensors.noise)
+    p["draws"] = draws_of(chair.randomization, chair.joint, sensors.noise)
+    p["joint_factor"] = factor_of(chair.joint)
     rangers = sensors.ultrasonic
     p["fire_every"] = _NEVER
     if rangers.mounted:
@@ -263,9 +294,19 @@ def randomize_parameters(p: Any, key: np.uint64) -> None:
     p.mass = _uniform_between(p.mass_range[0], p.mass_range[1], key, 0)
     p.friction = _uniform_between(p.friction_range[0], p.friction_range[1], key, 1)
     p.gain = _uniform_between(p.gain_range[0], p.gain_range[1], key, 2)
+    p.gain *= drawn(p, key, GAIN, 0, p.motor.gain)
+    p.mass = drawn(p, key, MASS, 0, p.mass)
+    body, motor = p.body, p.motor
+    body.rolling_resistance = drawn(p, key, ROLLING, 0, body.rolling_resistance)
+    body.caster_drag = drawn(p, key, DRAG, 0, body.caster_drag)
+    motor.resistance = drawn(p, key, RESISTANCE, 0, motor.resistance)
+    p.slope = drawn(p, key, SLOPE, 0, p.slope)
+    along = GRAVITY * math.sin(p.slope)
+    p.pull[0], p.pull[1] = along * math.cos(p.downhill), along * math.sin(p.downhill)
     p.moment = p.mass * p.body.radius_of_gyration**2
-    e_d = p.diameter_error * _uniform_between(-1.0, 1.0, key, 3)
-    e_b = p.track_error * _uniform_between(-1.0, 1.0, key, 4)
+    e_d = drawn(p, key, DIAMETER, 0, p.diameter_error * _uniform_between(-1.0, 1.0, key, 3))
+    e_b = drawn(p, key, TRACK, 0, p.track_error * _uniform_between(-1.0, 1.0, key, 4))
+    scale = 1.0 + drawn(p, key, SCALE, 0, 0.0)
     p.track = p.nominal_track * (1.0 + e_b)
-    p.radius_left = p.nominal_radius * (1.0 - 0.5 * e_d)
-    p.radius_right = p.nominal_radius * (1.0 + 0.5 * e_d)
+    p.radius_left = p.nominal_radius * (1.0 - 0.5 * e_d) * (scale * p.wheel_share[0])
+    p.radius_right = p.nominal_radius * (1.0 + 0.5 * e_d) * (scale * p.wheel_share[1])

@@ -43,6 +43,7 @@ from wheelchair_gym.sim.drive_train import (
     control_speed,
     drive_constants,
     physics_step,
+    pull_body,
     ramp_set_point,
     update_explained_motion,
 )
@@ -152,6 +153,8 @@ def drive_period(
                 state.v_rate, state.w_rate = 0.0, 0.0
         before = (fields[X], fields[Y], fields[VX], fields[VY], fields[W])
         bump, space = prepare_step(engine, world, state, p, before, workspace)
+        if p.pull[0] != 0.0 or p.pull[1] != 0.0:
+            pull_body(fields, p.dt, p.pull[0], p.pull[1])
         hit = physics_step(state, p, k, space, world.body, engine.step)
         state.tick += 1
         if world.n_actors > 0:
@@ -194,7 +197,8 @@ CHAIRS, CHAIRS_TARGETS = pointer_record(
     ("workspace", Target("f4", WORKSPACE_ROWS, None)),  # overwritten by each scan
     ("columns", "i8"),  # of the workspace
 )
-_STATE_SIZE, _PARAMETER_SIZE = STATE.itemsize, PARAMETER.itemsize
+_STATE_SIZE = STATE.itemsize
+_PARAMETER_SIZE = dict(PARAMETER.fields or {})["slope"][1]  # bytes that are read in each step
 _suites_at, _parameters_at, _states_at, _worlds_at = map(rows_of, (SUITE, PARAMETER, STATE, WORLD))
 
 

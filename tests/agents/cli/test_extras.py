@@ -21,7 +21,7 @@ DEPLOY = ["deploy", "--map", "some.yaml", "--start", "1,2,0", "--goal", "3,2"]
 # Package: the module that is imported, and what needs it: words of a command, or a call.
 NEEDED = {
     "pyserial": ("serial", [
-        *(["hardware", what, *CONFIG] for what in ("check", "setup", "tune", "calibrate")),
+        *(["hardware", what, *CONFIG] for what in ("check", "setup", "calibrate")),
         ["hardware", "monitor", "--yes", *CONFIG], [*REAL, "--chair", "hardware", *CONFIG],
         [*DEPLOY, "--chair", "hardware", *CONFIG],
     ]),

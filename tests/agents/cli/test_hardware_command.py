@@ -1,9 +1,11 @@
 """The technician's tools from the command line, over devices in real time."""
 
+import dataclasses
 import io
 import json
 import threading
 import time
+from contextlib import nullcontext
 from types import SimpleNamespace
 
 import pytest
@@ -11,11 +13,15 @@ import pytest
 from agents.cli import hardware, main
 from tests.conftest import refusal, until
 from tests.hardware.realtime import serving
+from tests.identification.drives import room
+from tests.sim.worlds import box
 from wheelchair_gym.base.errors import InputError
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.hardware import joystick
 from wheelchair_gym.hardware.boards.senses import BoardSensors
 from wheelchair_gym.hardware.chair import HardwareChair
+from wheelchair_gym.sim.chair import SimulatedChair
+from wheelchair_gym.sim.randomization import Randomization
 
 pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
 
@@ -82,26 +88,47 @@ def test_monitor_asks_before_it_resets_a_board(tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.realtime
-@pytest.mark.long
-def test_counts_of_a_metre_are_measured_and_written(served, monkeypatch, capsys):
-    """Set up with twice as many, it finds the true ones by the wall ahead, in real time."""
-    monkeypatch.setattr(HardwareChair, "reset", armed(HardwareChair.reset))
-    content = json.loads(served.config.read_text())
-    content["chair"]["drive"]["counts_per_metre"] = 2.0 * 4346.0
-    served.config.write_text(json.dumps(content))
-    with_config = ["--config", str(served.config)]
-    assert main(["hardware", "setup", *with_config]) == 0
-    words = ["hardware", "calibrate", *with_config, "--runs", "1", "--distance", "0.6"]
-    assert main(words) == 0
-    assert "not written" in capsys.readouterr().out
-    assert json.loads(served.config.read_text()) == content
+class Driven(SimulatedChair):
+    """A simulated chair in the place of a real one, whose wheels and laser are other ones."""
+
+    def __init__(self, settings, episode):
+        rows = (("odometry.scale_error", 0.008), ("odometry.track_error", 0.02),
+                ("laser.x_error", 0.03), ("laser.offset_error", 0.02))  # fmt: skip
+        rows = tuple(Randomization(name, low=value, high=value) for name, value in rows)
+        chair = dataclasses.replace(settings.chair, randomization=rows)
+        sensors = dataclasses.replace(settings.sensors, pose_source="odometry")
+        super().__init__(chair, sensors, settings.physics, 0.1)
+        self.room = episode
+
+    def reset(self):
+        return super().reset(self.room, 5)
+
+
+def test_calibration_drives_fits_and_writes(tmp_path, monkeypatch, capsys):
+    """What it writes is what the chair is; without --write it says that the config is off."""
+    config, saved = tmp_path / "chair.json", {}
+    config.write_text("{}")
+    words = ["hardware", "calibrate", "--config", str(config)]
+    monkeypatch.setattr(hardware, "_chair", lambda settings: Driven(settings, box(1.5)))
+    assert main(words) == 1
+    assert "expected free floor from -1 to 2 m ahead" in capsys.readouterr().err
+    monkeypatch.setattr(hardware, "_chair", lambda settings: Driven(settings, room()))
+    monkeypatch.setattr(hardware, "_boards", lambda settings: nullcontext((None, None)))
+    monkeypatch.setattr(hardware, "_save", lambda *words, **more: saved.update(words[3]))
+    assert main(words) == 1
+    said = capsys.readouterr().out
+    assert "OFF  track" in said
+    assert "not written" in said
+    assert config.read_text() == "{}"
     assert main([*words, "--write"]) == 0
-    assert "written to" in capsys.readouterr().out
-    counts = json.loads(served.config.read_text())["chair"]["drive"]["counts_per_metre"]
-    assert counts == pytest.approx(4346.0, rel=0.01)
-    monkeypatch.setattr("sys.stdin", io.StringIO("\nmuch\n1e-3\n"))
-    assert main(["hardware", "calibrate", *with_config, "--runs", "1", "--push", "--tape"]) == 1
-    assert "nothing was written" in capsys.readouterr().err  # nobody pushed it
+    found = env_settings(str(config))
+    drive, laser = found.chair.drive, found.sensors.laser
+    assert drive.counts_per_metre == pytest.approx(4346.0 / 1.008, rel=1e-3)
+    assert drive.track == pytest.approx(0.54 * 1.02, abs=1e-3)
+    assert laser.x == pytest.approx(0.69, abs=3e-3)
+    assert laser.offset == pytest.approx(0.02, abs=6e-3)
+    assert saved["track"] == drive.track
+    assert saved["feed"] == pytest.approx(3.7 / 0.165 / 1.008, rel=0.03)
 
 
 class NoStick:

@@ -47,7 +47,7 @@ def drive_parameters(chair: ChairSettings) -> dict[str, float]:
     values |= {"track": drive.track, "counts_per_metre": drive.counts_per_metre}
     values |= {name: float(getattr(motor, name)) for name in ("kp", "ki", "kd", "ka")}
     values["smoothing"] = motor.filter_time
-    values["feed"] = motor.torque_constant / drive.wheel_radius
+    values["feed"] = motor.believed_constant / drive.wheel_radius
     values["under_voltage"] = chair.battery.empty_voltage
     values["missing"] = max(_MISSING, _COUNTS / drive.counts_per_metre)
     values["half_width"] = chair.footprint.half_width

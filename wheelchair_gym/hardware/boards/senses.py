@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable
 from typing import Any
 
@@ -57,6 +58,7 @@ class WheelOdometry:
     def __init__(self, geometry: DriveGeometry, maximum: float) -> None:
         self._geometry, self._maximum = geometry, maximum
         self._pose, self._travel = np.zeros(3), np.zeros(2)
+        self._shares = np.array(geometry.wheel_shares)
         self._speeds = np.zeros(2)
         self._counts: tuple[int, int] | None = None
         self._made = 0.0
@@ -73,11 +75,11 @@ class WheelOdometry:
                 (after - before + _WRAP // 2) % _WRAP - _WRAP // 2
                 for before, after in zip(self._counts, counts, strict=True)
             ]
-            travel = np.array(steps) / self._geometry.counts_per_metre
+            travel = np.array(steps) / self._geometry.counts_per_metre * self._shares
             self._pose = _advanced(self._pose, travel, self._geometry.track)
             self._travel = self._travel + travel
         self._counts, self._made = counts, made
-        self._speeds = np.array([odometry.speed_left, odometry.speed_right])
+        self._speeds = np.array([odometry.speed_left, odometry.speed_right]) * self._shares
 
     def at(self, now: float) -> tuple[Array, Array]:
         """Pose (3,) and travel (2,) [m] of the left and the right wheel, at a time [s]."""
@@ -113,6 +115,7 @@ _ODOMETRY_LATENCY = 0.004  # s from the counts on the board to the host, at leas
 _AGE_MAX = 0.255  # s: a command may be older than its age says
 _LASER_DRIFT = 2e-4  # s/s: of two quartz clocks
 _COMPARED = 60.0  # s after which a reset compares the laser's clock again
+_KEPT = 500  # reports of odometry: 10 s
 POLL_PERIOD = 0.005  # s between two reads of the lines while a tool waits
 LASERS = ("laser", "second laser", "third laser", "fourth laser")
 _FAN = 0.01  # rad: maximum difference between the laser's fan and its settings
@@ -141,6 +144,7 @@ class BoardSensors:
         scans: the name of each one's data.
         odometer: dead reckoning since this was made.
         pressed: bumper strips were pressed since this was last cleared.
+        wheels: odometry since this was last cleared, and when each was made [s].
         identities: how each board identified itself, by its name.
         answers: the last answer of each board.
         parameters: what each board has reported of its parameters.
@@ -169,6 +173,7 @@ class BoardSensors:
         self.scans = [f"scan_{k}" if k else "scan" for k in range(len(ports))]
         self.odometer = WheelOdometry(geometry, settings.limits.odometry)
         self.pressed = False
+        self.wheels: deque[tuple[Odometry, float]] = deque(maxlen=_KEPT)
         self.identities: dict[str, Identity] = {}
         self.answers: dict[str, Answer] = {}
         lines = {"drive": self.drive, "range": self.range}
@@ -223,6 +228,7 @@ class BoardSensors:
             if sent is not None and message.age < _AGE_MAX:
                 newest.clock.answered(sent, message.stamp - message.age)
             self.odometer.update(message, newest.message.measured_at)
+            self.wheels.append((message, newest.message.measured_at))
             self.pressed |= bool(message.switches & STRIPS)
         elif isinstance(message, Ranges):
             self._newest["ultrasonic"].update(message, message.stamp, now)
@@ -328,7 +334,7 @@ class BoardSensors:
         for name, laser, part in each:
             newest: TimedScan = self._newest[name].message.value
             if ages[name] <= limits.scan and len(newest.scan.ranges) == laser.beams:
-                ranges = newest.scan.ranges
+                ranges = newest.scan.ranges - np.float32(laser.offset)
                 found[part] = np.where(ranges < laser.range_min, -np.inf, ranges)  # as in REP-117
         rangers = self.sensors.ultrasonic
         sonar = np.full(rangers.columns, np.nan, np.float32)

@@ -24,7 +24,7 @@ from wheelchair_gym.hardware.boards.protocol import (
 )
 from wheelchair_gym.hardware.boards.senses import LASERS, POLL_PERIOD, BoardSensors
 from wheelchair_gym.hardware.control_loop import Clock
-from wheelchair_gym.hardware.tools.distance_calibration import echoes_ahead, fit_wall
+from wheelchair_gym.hardware.tools.wall import echoes_ahead, fit_wall
 from wheelchair_gym.perception.occupancy import read_scan
 
 

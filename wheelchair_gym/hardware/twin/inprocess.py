@@ -20,6 +20,8 @@ from wheelchair_gym.hardware.twin.board import TARGETS, build_target
 from wheelchair_gym.hardware.twin.cable import SerialCable
 from wheelchair_gym.hardware.twin.lockstep import Twin
 from wheelchair_gym.hardware.twin.plant import TIME_STEP, Plant
+from wheelchair_gym.sensors.settings import SensorSettings
+from wheelchair_gym.sim.settings import ChairSettings
 from wheelchair_gym.types import Belief, Chair, Episode, NotCopyable, Reading, Truth
 
 if TYPE_CHECKING:
@@ -82,6 +84,7 @@ class TwinChair:
         twin: after its reset.
         period: the control period [s].
         settings: of the hardware chair; its ports are replaced.
+        believed: chair and sensors as the host knows them; None: as the twin's plant is.
 
     Attributes:
         chair: the hardware chair.
@@ -89,7 +92,13 @@ class TwinChair:
         range: cable of the range board.
     """
 
-    def __init__(self, twin: Twin, period: float, settings: HardwareSettings | None = None) -> None:
+    def __init__(
+        self,
+        twin: Twin,
+        period: float,
+        settings: HardwareSettings | None = None,
+        believed: tuple[ChairSettings, SensorSettings] | None = None,
+    ) -> None:
         self.twin, self.clock, plant = twin, TwinClock(twin), twin.plant.chair
         self.drive = SerialCable(twin.drive, np.random.default_rng(0))
         self.range = SerialCable(twin.range, np.random.default_rng(1))
@@ -101,7 +110,8 @@ class TwinChair:
             more_laser_ports=tuple(lasers)[1:],
         )  # fmt: skip
 
-        sensors, chair, now = plant.sensors, plant.settings, self.clock.now
+        chair, sensors = believed or (plant.settings, plant.sensors)
+        now = self.clock.now
         senses = BoardSensors(
             config, sensors, chair.drive, now, lambda url: boards[url].open(), lasers.__getitem__
         )

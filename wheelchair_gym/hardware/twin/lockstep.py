@@ -15,6 +15,7 @@ from wheelchair_gym.hardware.boards.protocol import BAUD, Switch
 from wheelchair_gym.hardware.twin.board import FREQUENCY, EmulatedBoard, stored_parameters
 from wheelchair_gym.hardware.twin.laser import SCAN_PERIOD_MS, TwinLaser
 from wheelchair_gym.hardware.twin.plant import TIME_STEP, Motion, Plant, Slope
+from wheelchair_gym.sim.settings import ChairSettings
 from wheelchair_gym.types import Episode
 
 EVERY = 7  # ms between two frames of the joystick's receiver
@@ -84,7 +85,8 @@ class Twin:
 
     Args:
         plant: the chair.
-        new: the boards' EEPROM is blank. Otherwise it holds the parameters of the plant's settings.
+        new: the boards' EEPROM is blank.
+        believed: the chair whose parameters the EEPROM holds otherwise; None: the plant's settings.
 
     Attributes:
         drive: the drive board, see `SerialCable`.
@@ -96,7 +98,9 @@ class Twin:
         bumper_steps: steps in which a bumper strip was hit.
     """
 
-    def __init__(self, plant: Plant | None = None, new: bool = False) -> None:
+    def __init__(
+        self, plant: Plant | None = None, new: bool = False, believed: ChairSettings | None = None
+    ) -> None:
         self.plant = plant or Plant()
         self.faults = Faults()
         drive, ranges = (
@@ -106,7 +110,7 @@ class Twin:
         self.drive, self.range = EmulatedBoard(*drive), EmulatedBoard(*ranges)
         if not new:
             chair = self.plant.chair
-            wanted = drive_parameters(chair.settings)
+            wanted = drive_parameters(believed or chair.settings)
             self.drive.set_eeprom(stored_parameters(*drive, tuple(wanted.items())))
             wanted = range_parameters(chair.sensors.ultrasonic)
             self.range.set_eeprom(stored_parameters(*ranges, tuple(wanted.items())))

@@ -6,7 +6,11 @@ and external forces (a slope, a person).
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from collections.abc import Iterator
+from fnmatch import fnmatch
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,14 +18,20 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.actors.bodies import shapes_of, write_actor_shapes
 from wheelchair_gym.actors.separation import move_the_others
+from wheelchair_gym.base.settings import InputError, dump, load, read_json
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.engine import GRAVITY, VX, VY, W, X, Y, body_view
 from wheelchair_gym.hardware.settings import check_boards
 from wheelchair_gym.sensors.laser import sense_laser
-from wheelchair_gym.sensors.settings import SensorSettings
+from wheelchair_gym.sensors.settings import OdometrySettings, SensorSettings
 from wheelchair_gym.sensors.ultrasonic import sense_ultrasonic
 from wheelchair_gym.sim.chair import SimulatedChair
-from wheelchair_gym.sim.drive_train import DriveConstants, drive_constants, physics_step
+from wheelchair_gym.sim.drive_train import (
+    DriveConstants,
+    drive_constants,
+    physics_step,
+    pull_body,
+)
 from wheelchair_gym.sim.sensor_suite import ranger_of, scanner_of
 from wheelchair_gym.sim.settings import ChairSettings, PhysicsSettings
 from wheelchair_gym.sim.step import chair_row, prepare_step, read_true_state, workspace_of
@@ -98,14 +108,8 @@ def step_plant(
     before = (fields[X], fields[Y], fields[VX], fields[VY], fields[W])
     bump, space = prepare_step(suite, world, state, p, before, workspace_of(chairs))
     c, s = math.cos(state.pose[2]), math.sin(state.pose[2])
-    for along, axis, speed in (
-        (pull[0] + c * force / p.mass, X, VX),
-        (pull[1] + s * force / p.mass, Y, VY),
-    ):
-        # Munk2D moves a body by its speed before a step, and tyres react within the step: this
-        # part of the speed must not move it.
-        fields[speed] += along * p.dt
-        fields[axis] -= along * p.dt * p.dt
+    x, y = pull[0] + p.pull[0], pull[1] + p.pull[1]
+    pull_body(fields, p.dt, x + c * force / p.mass, y + s * force / p.mass)
     forward, aside = c * fields[VX] + s * fields[VY], c * fields[VY] - s * fields[VX]
     maximum = brake * p.dt * k.per_radius[0]
     taken = brake_impulses(state, p, k, forward, aside, fields[W], maximum)
@@ -167,15 +171,109 @@ def scan_laser(chairs: Any, which: int, turn: int, ranges: Any) -> None:
     sense_laser(laser, state.pose, walls, discs, state.key, turn, workspace, ranges)
 
 
+# What emulated boards on a simulated chair do not have.
+_COMMANDS = "commands reach the emulated boards at once"
+_ENCODERS = "the twin's encoders count exactly"
+_FAULTS = "inject faults by the twin's own lines"
+_ABSENT = {"command_delay": _COMMANDS, "odometry.variance": _ENCODERS}
+_VARIANCE = OdometrySettings().variance  # the default is no wish
+# Settings of `--plant`: those that are the chair's own and not its computer's, by pattern.
+_OWN = (
+    "chair.body.*", "chair.drive.*", "chair.motor.torque_constant", "chair.motor.gain",
+    "chair.motor.resistance", "chair.motor.current_limit", "chair.battery.*", "chair.footprint.*",
+    "chair.random.*", "chair.randomize", "chair.randomization", "chair.joint.*", "sensors.noise",
+    "sensors.laser.*", "sensors.more_lasers", "sensors.ultrasonic.mounted",
+    "sensors.ultrasonic.narrow.*", "sensors.ultrasonic.wide.*", "sensors.odometry.diameter_error",
+    "sensors.odometry.track_error", "physics.slope", "physics.downhill",
+)  # fmt: skip
+
+
+def check_twin(chair: ChairSettings, sensors: SensorSettings) -> None:
+    """Refuse settings that the twin does not carry out.
+
+    Raises:
+        InputError: the first of them, and why.
+    """
+    check_boards(sensors)
+    if chair.command_delay:
+        raise InputError(f"chair.command_delay is {chair.command_delay:g}; {_COMMANDS}")
+    if sensors.faults.share:
+        raise InputError(f"sensors.faults.share is {sensors.faults.share:g}; {_FAULTS}")
+    if sensors.noise and sensors.odometry.variance not in (0.0, _VARIANCE):
+        raise InputError(f"sensors.odometry.variance: {_ENCODERS}; expected {_VARIANCE:g}")
+    for name in (*(row.quantity for row in chair.randomization), *chair.joint.quantities):
+        if name in _ABSENT:
+            raise InputError(f"chair.randomization draws {name}; {_ABSENT[name]}")
+
+
+def _leaves(values: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Dotted names and values of plain settings."""
+    for key, value in values.items():
+        if isinstance(value, dict):
+            yield from _leaves(value, f"{prefix}{key}.")
+        else:
+            yield prefix + key, value
+
+
+class PlantSettings(NamedTuple):
+    """A chair as it is, whatever its computer believes."""
+
+    chair: ChairSettings
+    sensors: SensorSettings
+    physics: PhysicsSettings
+
+    @classmethod
+    def read(cls, file: str | Path, believed: PlantSettings) -> PlantSettings:
+        """Read the sections chair, sensors and physics of a JSON file over believed settings.
+
+        Raises:
+            InputError: the file cannot be read, or sets something that the chair's computer or
+                boards decide, or that the twin does not carry out.
+        """
+        content = read_json(file)
+        if not isinstance(content, dict) or (unknown := set(content) - set(cls._fields)):
+            given = "no object" if not isinstance(content, dict) else f"the key {min(unknown)}"
+            raise InputError(f"{file} has {given}; expected chair, sensors or physics")
+        parts: Any = [
+            load(type(base), content.get(name, {}), f"{file}.{name}", base)
+            for name, base in believed._asdict().items()
+        ]
+        found = cls(*parts)
+        before = dict(_leaves(dump(believed._asdict())))
+        for key, value in _leaves(dump(found._asdict())):
+            if value != before.get(key) and not any(fnmatch(key, own) for own in _OWN):
+                raise InputError(
+                    f"{file} sets {key}, which the chair's computer decides, not the chair: set "
+                    "it in --config"
+                )
+        check_twin(found.chair, found.sensors)
+        return found
+
+
 class Plant:
-    """A chair in a world, driven by given duties of its motors."""
+    """A chair in a world, driven by given duties of its motors.
+
+    Args:
+        chair: its settings.
+        sensors: its sensors; their offsets are added to the ranges, as real scanners add them.
+        physics: the floor; its step is replaced by TIME_STEP.
+
+    Raises:
+        InputError: a setting that the twin does not carry out.
+    """
 
     def __init__(
-        self, chair: ChairSettings | None = None, sensors: SensorSettings | None = None
+        self,
+        chair: ChairSettings | None = None,
+        sensors: SensorSettings | None = None,
+        physics: PhysicsSettings | None = None,
     ) -> None:
-        if sensors is not None:
-            check_boards(sensors)
-        self.chair = SimulatedChair(chair, sensors, PhysicsSettings(step=TIME_STEP))
+        chair, sensors = chair or ChairSettings(), sensors or SensorSettings()
+        check_twin(chair, sensors)
+        physics = dataclasses.replace(physics or PhysicsSettings(), step=TIME_STEP)
+        self.chair = SimulatedChair(chair, sensors, physics)
+        for k, laser in enumerate(sensors.lasers):
+            self.chair.chairs.base["laser_offset"][0, k] = laser.offset
         self._rows = self.chair.pointers.record
 
     def reset(self, episode: Episode, key: int) -> None:

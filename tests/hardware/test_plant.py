@@ -1,0 +1,119 @@
+"""A twin whose chair is another one than its computer believes."""
+
+import dataclasses
+import json
+import math
+
+import numpy as np
+import pytest
+
+from tests.hardware.conftest import build_twin
+from tests.sim.worlds import box
+from wheelchair_gym.base.settings import InputError, load
+from wheelchair_gym.geometry.kinematics import DriveGeometry
+from wheelchair_gym.hardware.boards.protocol import Command
+from wheelchair_gym.hardware.chair import for_equal_wheels
+from wheelchair_gym.hardware.twin.inprocess import TwinChair
+from wheelchair_gym.hardware.twin.lockstep import Twin
+from wheelchair_gym.hardware.twin.plant import Plant, PlantSettings
+from wheelchair_gym.sensors.settings import SensorSettings
+from wheelchair_gym.sim.settings import ChairSettings, PhysicsSettings
+
+BELIEVED = PlantSettings(ChairSettings(), SensorSettings(noise=False), PhysicsSettings())
+WRONG = {
+    "not an object": ([], "has no object; expected chair, sensors or physics"),
+    "unknown section": ({"shield": {}}, "has the key shield"),
+    "unknown key": ({"chair": {"colour": 1}}, "chair.colour is not a setting"),
+    "limits": ({"chair": {"limits": {"forward": 0.5}}}, "sets chair.limits.forward, which the"),
+    "gain": ({"chair": {"motor": {"kp": 1.0}}}, "sets chair.motor.kp, which the chair's computer"),
+    "feed": ({"chair": {"motor": {"feed_constant": 2.0}}}, "sets chair.motor.feed_constant"),
+    "delay": ({"chair": {"command_delay": 0.1}}, "sets chair.command_delay"),
+    "pose": ({"sensors": {"pose_source": "mcl"}}, "sets sensors.pose_source"),
+    "step": ({"physics": {"step": 0.002}}, "sets physics.step"),
+    "rows": (
+        {"chair": {"randomization": [{"quantity": "command_delay", "high": 0.1}]}},
+        "randomization draws command_delay; commands reach the emulated boards at once",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_what_the_twin_cannot_be_is_refused_in_one_line(tmp_path, name):
+    content, message = WRONG[name]
+    file = tmp_path / "hidden.json"
+    file.write_text(json.dumps(content))
+    with pytest.raises(InputError, match=message) as caught:
+        PlantSettings.read(file, BELIEVED)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("chair", "sensors", "message"),
+    [
+        ({"command_delay": 0.1}, {}, "chair.command_delay is 0.1"),
+        ({}, {"faults": {"share": 0.5}}, "sensors.faults.share is 0.5; inject faults by"),
+        ({}, {"odometry": {"variance": 1e-4}}, "odometry.variance: the twin's encoders"),
+    ],
+)
+def test_settings_that_the_twin_would_ignore_are_refused(chair, sensors, message):
+    with pytest.raises(InputError, match=message):
+        Plant(load(ChairSettings, chair, "chair"), load(SensorSettings, sensors, "sensors"))
+
+
+HIDDEN = {
+    "chair": {"drive": {"wheel_ratio": 1.02}, "body": {"mass": 180.0}, "motor": {"gain": 0.8}},
+    "sensors": {"laser": {"offset": 0.03}},
+    "physics": {"slope": 0.02},
+}
+
+
+def hosted(tmp_path, believed=BELIEVED):
+    """A host that believes in the default chair, before one that is hidden."""
+    build_twin()
+    file = tmp_path / "hidden.json"
+    file.write_text(json.dumps(HIDDEN))
+    twin = Twin(Plant(*PlantSettings.read(file, BELIEVED)), believed=believed.chair)
+    twin.reset(box(3.0), 0)
+    chair = TwinChair(twin, 0.1, None, believed[:2])
+    chair.clock.call_every(lambda: chair.chair.waiting_for and chair.chair.rearm(), 0.05, "person")
+    return chair
+
+
+def test_a_hidden_chair_drives_otherwise_than_its_computer_believes(tmp_path):
+    made = hosted(tmp_path)
+    reading = made.chair.reset()
+    assert reading.laser[540] == pytest.approx(3.0 - 0.66 + 0.03, abs=2e-3)
+    p = made.twin.plant.chair.parameters[0]
+    assert (p["mass"], p["gain"]) == (180.0, 0.8)
+    for _ in range(20):
+        reading = made.chair.drive(np.array([0.3, 0.0]))
+    turned = made.twin.plant.pose[2]
+    assert turned > 0.01 > abs(reading.pose[2])
+    assert p["pull"] == pytest.approx([9.81 * math.sin(0.02), 0.0])
+    made.close()
+    made.twin.close()
+
+
+def test_a_host_that_knows_of_wheels_and_offset_drives_straight(tmp_path):
+    laser = dataclasses.replace(BELIEVED.sensors.laser, offset=0.03)
+    chair = dataclasses.replace(BELIEVED.chair, drive=DriveGeometry(wheel_ratio=1.02))
+    sensors = dataclasses.replace(BELIEVED.sensors, laser=laser)
+    made = hosted(tmp_path, PlantSettings(chair, sensors, BELIEVED.physics))
+    reading = made.chair.reset()
+    assert reading.laser[540] == pytest.approx(3.0 - 0.66, abs=2e-3)
+    for _ in range(20):
+        reading = made.chair.drive(np.array([0.3, 0.0]))
+    assert abs(made.twin.plant.pose[2]) < 2e-3  # a tenth of what the wheels alone would turn
+    assert np.abs(reading.pose - made.twin.plant.pose).max() < 5e-3
+    made.close()
+    made.twin.close()
+
+
+def test_the_command_for_unequal_wheels_turns_each_as_far():
+    drive = DriveGeometry(track=0.5, wheel_ratio=1.1)
+    sent = for_equal_wheels(Command(0.4, 0.2, 1), drive, 0.4)
+    left, right = drive.wheel_shares
+    assert sent.flags == 1
+    assert (sent.v - 0.25 * sent.w) * left == pytest.approx(0.4 - 0.25 * 0.2)
+    assert (sent.v + 0.25 * sent.w) * right == pytest.approx(0.4 + 0.25 * 0.2)
+    assert for_equal_wheels(sent, DriveGeometry(), 0.4) is sent

@@ -1,0 +1,150 @@
+"""Laws of the fit: hidden chairs are found, and what a log does not show is said, never guessed."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+
+import numpy as np
+import pytest
+
+from agents.cli import main
+from tests.conftest import refusal
+from tests.identification.drives import CHAIR, SENSORS, drive, room, truth
+from wheelchair_gym.base.errors import InputError
+from wheelchair_gym.base.settings import load
+from wheelchair_gym.identification.fit import fit, settings_of
+from wheelchair_gym.sensors.settings import SensorSettings
+from wheelchair_gym.sim.randomization import JointRandomization
+from wheelchair_gym.sim.settings import ChairSettings
+
+HIDDEN = {
+    "delay": 0.04, "laser.sigma": 0.012, "laser.x_error": 0.03, "laser.y_error": -0.04,
+    "laser.yaw_error": 0.04, "laser.offset_error": 0.025, "odometry.scale_error": 0.008,
+    "odometry.diameter_error": -0.015, "odometry.track_error": 0.025, "body.mass": 190.0,
+    "motor.gain": 0.85, "slope": math.radians(1.5), "downhill": 2.0,
+}  # fmt: skip
+# Greatest errors of the values; below, relative ones.
+LIMITS = {
+    "scale": 1e-3, "wheel_ratio": 5e-4, "track": 1e-3, "x": 3e-3, "y": 3e-3,
+    "yaw": math.radians(0.1), "offset": 6e-3, "delay": 0.01,
+}  # fmt: skip
+RELATIVE = {"sigma": 0.1, "gain/(R m)": 0.03, "torque_constant": 0.02}
+
+
+@pytest.fixture(scope="module")
+def driven():
+    return drive(HIDDEN)
+
+
+@pytest.fixture(scope="module")
+def found(driven):
+    return fit([("drive", driven.log)], CHAIR, SENSORS)
+
+
+def values(of):
+    return {one.name: one.value for one in of.findings}
+
+
+def test_a_hidden_chair_is_found(found):
+    told, true = values(found), truth(HIDDEN)
+    off = {name: abs(told[name] - true[name]) for name in true}
+    assert {name: off[name] for name, most in LIMITS.items() if off[name] > most} == {}
+    far = {name: off[name] / true[name] for name in RELATIVE}
+    assert {name: far[name] for name, most in RELATIVE.items() if far[name] > most} == {}
+    status = {one.name: one.status for one in found.findings}
+    assert {status[name] for name in (*LIMITS, *RELATIVE)} == {"measured"}
+    assert (status["gain"], status["friction"]) == ("combination only", "not seen")
+    assert told["friction"] is None
+    assert len(found.notes) == 1
+    assert "slope of 1.5 deg, falling 115 deg" in found.notes[0]
+
+
+def test_the_settings_that_are_written_are_the_chair(found):
+    files = json.loads(json.dumps(settings_of(found)))
+    chair = load(ChairSettings, files["chair.json"], "chair.json")
+    sensors = load(SensorSettings, files["sensors.json"], "sensors.json")
+    joint = load(JointRandomization, files["ranges.json"], "ranges.json")
+    assert (chair, sensors, joint) == (found.chair, found.sensors, found.joint)
+    told = values(found)
+    assert chair.drive.counts_per_metre == pytest.approx(4346.0 / told["scale"])
+    assert chair.motor.believed_constant == CHAIR.motor.torque_constant
+    assert sensors.laser.offset == told["offset"]
+    assert joint.mean == (0.0,) * 7
+    dataclasses.replace(chair, joint=joint)  # they go together
+
+
+def test_with_the_mass_on_scales_the_gain_is_measured(driven):
+    known = fit([("drive", driven.log)], CHAIR, SENSORS, mass=190.0)
+    gain = next(one for one in known.findings if one.name == "gain")
+    assert gain.status == "measured"
+    assert gain.value == pytest.approx(0.85, rel=0.02)
+
+
+def test_a_log_that_is_mirrored_gives_the_mirrored_chair(driven, found):
+    log = driven.log
+    mirrored = log._replace(
+        travel=log.travel[:, ::-1], volts=log.volts[:, ::-1], ranges=log.ranges[:, ::-1].copy()
+    )
+    told, plain = values(fit([("drive", mirrored)], CHAIR, SENSORS)), values(found)
+    spread = {one.name: (one.high - one.low) / 4.0 for one in found.findings if one.value}
+    for name in LIMITS:
+        wanted = -plain[name] if name in ("y", "yaw") else plain[name]
+        wanted = 1.0 / wanted if name == "wheel_ratio" else wanted
+        assert told[name] == pytest.approx(wanted, abs=2.0 * spread[name]), name
+
+
+def test_another_start_gives_the_same_chair(found):
+    """Another place and heading in the room, and other noise."""
+    other = fit([("drive", drive(HIDDEN, room((0.6, -0.7, 1.57)), 7).log)], CHAIR, SENSORS)
+    assert values(other)["friction"] is None
+    spread = {one.name: (one.high - one.low) / 4.0 for one in found.findings if one.value}
+    plain = values(found)
+    for name in LIMITS:
+        assert values(other)[name] == pytest.approx(plain[name], abs=5.0 * spread[name]), name
+
+
+def test_a_level_floor_is_not_taken_for_a_slope():
+    found = fit([("drive", drive({"odometry.scale_error": -0.005}).log)], CHAIR, SENSORS)
+    assert found.notes == ()
+    assert values(found)["scale"] == pytest.approx(0.995, abs=1e-3)
+
+
+SHORT = {
+    "stands": (((0.0, 0.0, 12.0),), "a turn to the left of 3 rad .it has 0.0., a turn to the"),
+    "one way": (((0.3, 0.5, 25.0),), "lacks a turn to the right of 3 rad"),
+    "on the spot": (((0.0, 0.6, 8.0), (0.0, -0.6, 8.0)), "lacks a drive of 3 m"),
+    "short": (((0.4, 0.0, 4.0),), "40 scans|.it has 41."),
+}
+
+
+@pytest.mark.parametrize("name", SHORT)
+def test_a_log_that_lacks_something_is_refused_with_what(name):
+    program, message = SHORT[name]
+    log = drive({}, program=program).log
+    with pytest.raises(InputError, match=message):
+        fit([("drive", log)], CHAIR, SENSORS)
+
+
+def test_without_voltages_motors_are_not_seen(driven):
+    log = driven.log._replace(volts=np.full_like(driven.log.volts, np.nan))
+    found = fit([("bag", log)], CHAIR, SENSORS)
+    told = values(found)
+    assert told["gain"] is told["torque_constant"] is None
+    assert "motors not seen: duty and voltage" in found.notes[0]
+    assert found.chair.motor == CHAIR.motor
+    assert told["track"] == pytest.approx(truth(HIDDEN)["track"], abs=1e-3)
+
+
+def test_a_recording_without_reports_is_refused(tmp_path, capsys):
+    file = tmp_path / "none.mcap"
+    assert "none.mcap" in refusal(["fit", str(file)], capsys)
+
+
+def test_a_short_recording_is_refused_by_the_command(tmp_path, capsys):
+    file = tmp_path / "drive.mcap"
+    words = ["simulate", "--scene", "empty", "--policy", "random", "--record", str(file)]
+    assert main(words) in (0, 1)
+    capsys.readouterr()
+    assert "drive.mcap, episode 0 lacks" in refusal(["fit", str(file)], capsys)

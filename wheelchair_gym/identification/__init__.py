@@ -1,0 +1,1 @@
+"""Identification: the settings of a chair from logs of its drives."""

@@ -1,0 +1,315 @@
+"""From logs to settings: what was measured, what is known in combination only, what was not seen.
+
+First the noise and the kinematics with the mount, offset and delay of the scanner (`kinematics`),
+then the drive train (`drive_train`). Nothing is guessed: a value that a log does not show keeps the
+value of the config, and the findings say so.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.errors import InputError
+from wheelchair_gym.base.settings import dump
+from wheelchair_gym.geometry.kinematics import DriveGeometry
+from wheelchair_gym.geometry.planar import compose, relative_pose
+from wheelchair_gym.identification import drive_train, kinematics
+from wheelchair_gym.identification.kinematics import UNKNOWNS, poses_at, wheel_path
+from wheelchair_gym.identification.logs import DriveLog
+from wheelchair_gym.perception.slam import Slam, SlamSettings
+from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
+from wheelchair_gym.sim.randomization import JointRandomization
+from wheelchair_gym.sim.settings import WHEEL_INERTIA, ChairSettings
+
+# What a log has to show of the chair's motion: its name, unit, and least amount.
+NEEDED: Final = {
+    "turn to the left": ("rad", 3.0), "turn to the right": ("rad", 3.0), "drive": ("m", 3.0),
+}  # fmt: skip
+_MIN_SCANS = 100
+_PARTICLES = 2  # of SLAM: poses need only be rough
+_SURE = 1.96  # deviations of a 95 % interval
+# Deviations up to which a value counts as measured.
+MEASURED: Final = {
+    "scale": 2e-3, "wheel_ratio": 1e-3, "track": 3e-3, "x": 5e-3, "y": 5e-3, "yaw": 4e-3,
+    "offset": 5e-3, "delay": 0.02,
+}  # fmt: skip
+# Differences from the config up to which it describes the chair well enough to drive.
+AGREES: Final = {
+    "scale": 5e-3, "wheel_ratio": 2e-3, "track": 5e-3, "x": 0.01, "y": 0.01, "yaw": 0.01,
+    "offset": 0.01, "sigma": 0.01, "dropout": 0.01, "torque_constant": 0.3,
+}  # fmt: skip
+_RELATIVE = 0.05  # likewise, of push and damping: relative deviation
+_MIN_SLOPE, _CERTAIN = math.radians(0.5), 4.0  # rad and deviations: of a pull that is reported
+# Quantities of `chair.joint` that the unknowns become, in their order; `scale` divides counts.
+_JOINT: Final = (
+    "odometry.scale_error", "odometry.diameter_error", "odometry.track_error", "laser.x_error",
+    "laser.y_error", "laser.yaw_error", "laser.offset_error",
+)  # fmt: skip
+
+
+class Finding(NamedTuple):
+    """One quantity: its value and interval, and what the logs say about it."""
+
+    name: str
+    unit: str
+    value: float | None  # None: not seen
+    low: float | None  # of the 95 % interval
+    high: float | None
+    before: float | None  # in the config; None: it has no such setting
+    status: str  # measured, combination only, not seen
+
+
+class Fit(NamedTuple):
+    """Settings that were found, and the findings behind them."""
+
+    chair: ChairSettings
+    sensors: SensorSettings
+    joint: JointRandomization  # of what is still uncertain
+    findings: tuple[Finding, ...]
+    notes: tuple[str, ...]  # structure that the model does not explain
+
+
+def missing(log: DriveLog, drive: DriveGeometry) -> str:
+    """What a log lacks for identification; empty: nothing."""
+    steps = np.diff(log.travel, axis=0)
+    turns = (steps[:, 1] - steps[:, 0]) / drive.track
+    seen = {
+        "turn to the left": float(turns[turns > 0.0].sum()),
+        "turn to the right": float(-turns[turns < 0.0].sum()),
+        "drive": float(np.abs(steps.mean(axis=1)).sum()),
+    }
+    lacks = [
+        f"a {name} of {least:g} {unit} (it has {seen[name]:.1f})"
+        for name, (unit, least) in NEEDED.items()
+        if seen[name] < least
+    ]
+    if (scans := len(log.scan_stamps)) < _MIN_SCANS:
+        lacks.append(f"{_MIN_SCANS} scans (it has {scans})")
+    return ", ".join(lacks)
+
+
+def rough_poses(log: DriveLog, drive: DriveGeometry, laser: LaserSettings) -> Array:
+    """Poses (m, 3) of the scanner at all scans, by SLAM with the config's geometry."""
+    slam = Slam(dataclasses.replace(laser, offset=0.0), SlamSettings(particles=_PARTICLES))
+    path = wheel_path(log, np.array([1.0, drive.wheel_ratio, drive.track]))
+    poses = poses_at(log, path, log.scan_stamps)
+    increments = relative_pose(np.concatenate([poses[:1], poses[:-1]]), poses)
+    for increment, scan in zip(increments, log.ranges, strict=True):
+        slam.update(increment, scan)
+    return compose(slam.trajectory, np.array([laser.x, laser.y, laser.yaw]))
+
+
+def _combined(parts: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
+    """Values and covariance of several estimates, each weighted by its own covariance."""
+    weights = [np.linalg.inv(covariance) for _, covariance in parts]
+    covariance = np.linalg.inv(np.sum(weights, axis=0))
+    terms = [weight @ values for weight, (values, _) in zip(weights, parts, strict=True)]
+    return covariance @ np.sum(terms, axis=0), covariance
+
+
+def _no_echo(log: DriveLog) -> float:
+    """Share of beams without an echo between two scans in which they had one."""
+    before, now, after = log.ranges[:-2], log.ranges[1:-1], log.ranges[2:]
+    seen = np.isfinite(before) & np.isfinite(after)
+    seen &= np.abs(np.where(seen, before, 0.0) - np.where(seen, after, 0.0)) < 0.1
+    return float((seen & ~np.isfinite(now)).sum() / max(1, seen.sum()))
+
+
+def fit(
+    logs: Sequence[tuple[str, DriveLog]], chair: ChairSettings, sensors: SensorSettings,
+    mass: float | None = None, seed: int = 0,
+) -> Fit:  # fmt: skip
+    """Find the settings of a chair.
+
+    Args:
+        logs: names and drives; values of several drives are combined by their covariances.
+        chair: settings that the logs were recorded with.
+        sensors: likewise.
+        mass: weighed mass of chair and person [kg]; None: that of the config, of which only the
+            ratio to the motors' gain is found.
+        seed: of the bootstrap.
+
+    Raises:
+        InputError: a log lacks something, which is named.
+    """
+    for name, log in logs:
+        if lacks := missing(log, chair.drive):
+            raise InputError(f"{name} lacks {lacks}")
+    laser, rng = sensors.laser, np.random.default_rng(seed)
+    found = []
+    for name, log in logs:
+        try:
+            poses = rough_poses(log, chair.drive, laser)
+            found.append(kinematics.identify(log, chair.drive, laser, poses, rng))
+        except (ValueError, np.linalg.LinAlgError) as error:
+            raise InputError(f"{name}: {error}") from None
+    values, covariance = _combined([(one.values, one.covariance) for one in found])
+    conditional = np.min([one.conditional for one in found], axis=0)
+    named = dict(zip(UNKNOWNS, values.tolist(), strict=True))
+    sigma = float(np.median([one.sigma for one in found]))
+    dropout = float(np.median([_no_echo(log) for _, log in logs]))
+    drive = dataclasses.replace(
+        chair.drive,
+        counts_per_metre=chair.drive.counts_per_metre / named["scale"],
+        wheel_radius=chair.drive.wheel_radius * named["scale"],
+        wheel_ratio=named["wheel_ratio"],
+        track=named["track"],
+    )
+    spread = np.sqrt(np.diag(covariance))
+    bias = float(spread[list(UNKNOWNS).index("offset")])
+    scanner = dataclasses.replace(
+        laser, x=named["x"], y=named["y"], yaw=named["yaw"], offset=named["offset"], sigma=sigma,
+        dropout=dropout, bias=bias,
+    )  # fmt: skip
+    findings = _kinematic_findings(values, spread, conditional, chair.drive, laser)
+    findings.append(_simple("sigma", "m", sigma, 0.02 * sigma, laser.sigma))
+    findings.append(_simple("dropout", "", dropout, 1e-3, laser.dropout))
+    motors, more, notes = _fit_motors(logs, values, chair, drive, mass, rng)
+    odometry = dataclasses.replace(sensors.odometry, diameter_error=0.0, track_error=0.0)
+    k = len(_JOINT)
+    # Relative errors of the ratio and of the track, of which the joint row draws.
+    scale = np.diag([1.0, 1.0, 1.0 / named["track"], *[1.0] * (k - 3)])
+    joint = JointRandomization(
+        quantities=_JOINT, mean=(0.0,) * k,
+        covariance=tuple(map(tuple, (scale @ covariance[:k, :k] @ scale).tolist())),
+    )  # fmt: skip
+    body = chair.body if mass is None else dataclasses.replace(chair.body, mass=mass)
+    return Fit(
+        dataclasses.replace(chair, drive=drive, body=motors[0](body), motor=motors[1]),
+        dataclasses.replace(sensors, laser=scanner, odometry=odometry),
+        joint, tuple(findings + more), notes,
+    )  # fmt: skip
+
+
+def tuned_chair(found: Fit) -> ChairSettings:
+    """The chair of a fit, with the feed-forward that its motors ask for.
+
+    The board's feed-forward of the speed is then the motors' constant, that of the acceleration the
+    voltage by which both motors accelerate the chair.
+    """
+    motor, drive = found.chair.motor, found.chair.drive
+    total = found.chair.body.mass + 2.0 * WHEEL_INERTIA / drive.wheel_radius**2
+    force = 2.0 * motor.gain * motor.torque_constant / (motor.resistance * drive.wheel_radius)
+    motor = dataclasses.replace(motor, feed_constant=None, ka=total / force)
+    return dataclasses.replace(found.chair, motor=motor)
+
+
+def settings_of(found: Fit) -> dict[str, Any]:
+    """Plain content of the files of a fit, by their names: settings, ranges and findings.
+
+    `chair.json` and `sensors.json` are the sections of these names; `ranges.json` is the setting
+    `chair.joint`, by which a simulation draws what is still uncertain.
+    """
+    return {
+        "chair.json": dump(found.chair),
+        "sensors.json": dump(found.sensors),
+        "ranges.json": dump(found.joint),
+        "fit.json": {
+            "findings": [one._asdict() for one in found.findings], "notes": list(found.notes)
+        },
+    }  # fmt: skip
+
+
+def _simple(name: str, unit: str, value: float, deviation: float, before: float) -> Finding:
+    reach = _SURE * deviation
+    return Finding(name, unit, value, max(0.0, value - reach), value + reach, before, "measured")
+
+
+def _kinematic_findings(
+    values: Array, spread: Array, conditional: Array, drive: DriveGeometry, laser: LaserSettings
+) -> list[Finding]:
+    units = dict(zip(UNKNOWNS, ("", "", "m", "m", "m", "rad", "m", "s"), strict=True))
+    before = (1.0, drive.wheel_ratio, drive.track, laser.x, laser.y, laser.yaw, laser.offset, None)
+    findings = []
+    for k, name in enumerate(UNKNOWNS):
+        value, reach = float(values[k]), _SURE * float(spread[k])
+        if spread[k] <= MEASURED[name]:
+            status = "measured"
+        elif conditional[k] <= MEASURED[name]:
+            status = "combination only"
+        else:
+            findings.append(Finding(name, units[name], None, None, None, before[k], "not seen"))
+            continue
+        low, high = value - reach, value + reach
+        findings.append(Finding(name, units[name], value, low, high, before[k], status))
+    return findings
+
+
+def _fit_motors(
+    logs: Sequence[tuple[str, DriveLog]], values: Array, chair: ChairSettings,
+    drive: DriveGeometry, mass: float | None, rng: np.random.Generator,
+) -> tuple[Any, list[Finding], tuple[str, ...]]:  # fmt: skip
+    """Body and motors, findings about them, and notes."""
+    motor, radius, notes, parts = chair.motor, drive.wheel_radius, [], []
+    limit = motor.resistance * motor.current_limit
+    for name, log in logs:
+        try:
+            path = wheel_path(log, values)
+            train = drive_train.fit_drive_train(log, values[0], path, 2.0 * limit, rng)
+        except ValueError as error:
+            notes.append(f"{name}: motors not seen: {error}")
+            continue
+        parts.append((train.values[:3], train.covariance[:3, :3]))
+        weight = chair.body.mass if mass is None else mass
+        share = 1.0 + 2.0 * WHEEL_INERTIA / (weight * radius**2)
+        slope, deviation, direction = drive_train.slope_of(train, share)
+        if slope > max(_MIN_SLOPE, _CERTAIN * deviation):
+            notes.append(
+                f"{name}: a constant pull as of a slope of {math.degrees(slope):.1f} deg, falling "
+                f"{math.degrees(direction):.0f} deg from the first heading: is the floor level?"
+            )
+    unseen = [
+        Finding("gain", "", None, None, None, motor.gain, "not seen"),
+        Finding("torque_constant", "V s/rad", None, None, None, motor.torque_constant, "not seen"),
+    ]
+    friction = Finding("friction", "", None, None, None, chair.body.friction, "not seen")
+    if not parts:
+        return (lambda body: body, motor), [*unseen, friction], tuple(notes)
+    (push, damping, drag), covariance = _combined(parts)
+    deviations = np.sqrt(np.diag(covariance))
+    weight = chair.body.mass if mass is None else mass
+    total = weight + 2.0 * WHEEL_INERTIA / radius**2
+    constant = 0.5 * damping / push * radius
+    gain = push * total * motor.resistance * radius / constant
+    ratio = deviations / np.array([push, damping, max(drag, 1e-3)])
+    of_constant = constant * math.hypot(ratio[0], ratio[1])
+
+    def interval(name: str, unit: str, value: float, deviation: float, before: float | None,
+                 certain: bool = True) -> Finding:  # fmt: skip
+        reach = _SURE * float(deviation)
+        good = deviation <= _RELATIVE * abs(value)
+        status = "measured" if good and certain else "combination only"
+        return Finding(
+            name, unit, float(value), float(value - reach), float(value + reach), before, status
+        )
+
+    share = chair.body.centre_of_mass / chair.body.wheelbase
+    body = chair.body
+    known = (body.rolling_resistance * (1.0 - share) + body.caster_drag * share) * 9.81
+    factor = float(np.clip(drag * total / weight / known, 0.0, 10.0)) if known else 1.0
+    more = [
+        interval("gain/(R m)", "1/(ohm kg)", push * radius / constant,
+                 push * radius / constant * (2.0 * ratio[0] + ratio[1]), None),
+        interval("torque_constant", "V s/rad", constant, of_constant, motor.torque_constant),
+        interval("gain", "", gain, gain * ratio[0], motor.gain, mass is not None),
+        interval("drag", "m/s2", drag, deviations[2], known * weight / total),
+        friction,
+    ]  # fmt: skip
+    fitted = dataclasses.replace(
+        motor, torque_constant=float(constant), gain=float(gain),
+        feed_constant=motor.believed_constant,
+    )  # fmt: skip
+
+    def resisting(base: Any) -> Any:
+        return dataclasses.replace(
+            base, rolling_resistance=min(0.5, factor * base.rolling_resistance),
+            caster_drag=min(0.5, factor * base.caster_drag),
+        )  # fmt: skip
+
+    return (resisting, fitted), more, tuple(notes)

@@ -1,0 +1,108 @@
+"""Logs of drives, as identification takes them: recordings, ROS 2 bags, BreezySLAM's files."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.errors import InputError
+from wheelchair_gym.geometry.kinematics import DriveGeometry
+from wheelchair_gym.perception import logs
+from wheelchair_gym.recording.read_bags import bag_log, bag_texts, is_bag
+from wheelchair_gym.recording.replay import RecordedEpisode, read_recording
+from wheelchair_gym.recording.topics import EPISODE
+from wheelchair_gym.sensors.settings import SensorSettings
+from wheelchair_gym.sim.settings import ChairSettings
+
+_LEAP = 0.5  # m between two reports of a wheel: its counter began anew
+
+
+class DriveLog(NamedTuple):
+    """Wheels and scans of a drive, in the time of one clock."""
+
+    stamps: Array  # (n,) s, of the reports about the wheels
+    travel: Array  # (n, 2) m, of the left and right wheel since the first, by the config's counts
+    volts: Array  # (n, 2) V at the motors: duty times battery; NaN where unknown
+    scan_stamps: Array  # (m,) s
+    ranges: NDArray[np.float32]  # (m, beams) m, raw: the config's offset is not subtracted
+
+
+def log_of_reports(
+    wheels: NDArray[np.void], scan_stamps: Array, ranges: NDArray[np.float32], drive: DriveGeometry
+) -> DriveLog:
+    """The log of reports (n,) of WHEELS, and of raw scans (m, beams) at times (m,) [s]."""
+    at = np.unique(wheels["stamp"], return_index=True)[1]
+    rows: Any = wheels[at]
+    acting = rows["duties"] * rows["voltage"][:, None]
+    volts = np.stack(
+        [np.interp(rows["stamp"], rows["duty_stamp"], acting[:, k]) for k in range(2)], axis=1
+    )
+    travel = (rows["counts"] - rows["counts"][0]) / drive.counts_per_metre
+    scans = np.unique(scan_stamps, return_index=True)[1]
+    return DriveLog(rows["stamp"], travel, volts, scan_stamps[scans], ranges[scans])
+
+
+class Drive(NamedTuple):
+    """A log and the settings that it was recorded with."""
+
+    name: str
+    log: DriveLog
+    chair: ChairSettings
+    sensors: SensorSettings
+
+
+def _of_recording(file: str | Path, recorded: RecordedEpisode) -> Drive:
+    """The log of an episode of a recording."""
+    settings = recorded.settings
+    laser, drive = settings.sensors.laser, settings.chair.drive
+    if not laser.beams:
+        raise InputError(f"{file}: expected the scans of a laser; the chair has none")
+    if not recorded.wheels or not sum(len(each["reports"]) for each in recorded.wheels):
+        raise InputError(f"{file}: expected reports about the wheels (/wheels); record it anew")
+    wheels = np.concatenate([each["reports"] for each in recorded.wheels])
+    leaps = np.abs(np.diff(wheels["counts"], axis=0)).max(initial=0) / drive.counts_per_metre
+    if leaps > _LEAP:
+        raise InputError(f"{file}: the wheels' counts leap by {leaps:.1f} m; cut the log there")
+    stamps = np.array([each["scans"][0] for each in recorded.wheels])
+    ranges = np.stack([state.reading.laser[: laser.beams] for state in recorded.states])
+    ranges = ranges + np.float32(laser.offset)
+    log = log_of_reports(wheels, stamps[: len(ranges)], ranges, drive)
+    return Drive(f"{file}, episode {recorded.number}", log, settings.chair, settings.sensors)
+
+
+def _of_odometry(log: logs.SensorLog, track: float) -> DriveLog:
+    """The log of odometry at the scans, by the track that its robot believed in [m]."""
+    forward, turn = log.increments[:, 0], log.increments[:, 2]
+    distance = forward / np.maximum(np.cos(0.5 * turn), 0.5)
+    ways = np.stack([distance - 0.5 * track * turn, distance + 0.5 * track * turn], axis=1)
+    travel = np.cumsum(ways, axis=0)
+    unknown = np.full_like(travel, np.nan)
+    return DriveLog(log.stamps, travel - travel[0], unknown, log.stamps, log.ranges)
+
+
+def read_drives(file: str | Path, chair: ChairSettings, sensors: SensorSettings) -> list[Drive]:
+    """Drives of a recording, of a ROS 2 bag of any robot, or of a log of BreezySLAM (.dat).
+
+    Args:
+        file: the log.
+        chair: of a robot whose log has no settings; the odometry of a bag was made with its track.
+        sensors: likewise; the scanner is that of the log.
+
+    Raises:
+        InputError: the file cannot be read, or lacks wheels or scans.
+    """
+    if Path(file).suffix == ".dat" or (is_bag(file) and not bag_texts(file, (EPISODE,))):
+        found, laser = (
+            (logs.read_log(file), logs.LASER) if Path(file).suffix == ".dat" else bag_log(file)
+        )
+        if Path(file).suffix == ".dat":
+            drive = dataclasses.replace(chair.drive, track=logs.TRACK)
+            chair = dataclasses.replace(chair, drive=drive)
+        log = _of_odometry(found, chair.drive.track)
+        return [Drive(str(file), log, chair, dataclasses.replace(sensors, laser=laser))]
+    return [_of_recording(file, recorded) for recorded in read_recording(file)]

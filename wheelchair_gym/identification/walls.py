@@ -1,0 +1,171 @@
+"""Straight walls that scans show, and which beam of which scan hit which wall.
+
+A wall is a line n . p = d, whose normal n = (cos a, sin a) points to the side it is seen from, and
+an interval along the line.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.base.arrays import Array, Floats
+from wheelchair_gym.sensors.settings import LaserSettings
+
+_GROUP = 8  # beams whose ranges are averaged before a scan is split into lines
+_SPREAD = 0.15  # m: greatest difference of the ranges of a group
+_SPLIT = 0.06  # m: greatest distance of a point from its line
+_MIN_POINTS, _MIN_LENGTH = 5, 0.5  # groups and m of a line
+_MAX_TURN, _MAX_DISTANCE, _MAX_GAP = 0.12, 0.12, 0.6  # rad, m, m: of lines of one wall
+_SAME, _JOINT = 0.08, 0.3  # m across, and along: of two walls that are one
+_MIN_LINES = 4  # of a wall
+_MARGIN = 0.10  # m at the ends of a wall, where beams hit corners
+_EVERY = 10  # each so many beams is used
+MIN_COSINE = 0.3  # of the angle of incidence: flatter beams are not used
+
+
+class Walls(NamedTuple):
+    """Walls in one frame."""
+
+    lines: Array  # (n, 2) rad, m: angle of the normal, and distance d
+    spans: Array  # (n, 2) m: from, to, along (-sin a, cos a)
+
+
+class Hits(NamedTuple):
+    """Beams that hit walls, n of them."""
+
+    scan: NDArray[np.int64]  # number of the scan
+    angle: Array  # rad, of the beam in the scanner's frame
+    range: Array  # m
+    wall: NDArray[np.int64]  # number of the wall
+
+
+def place_points(poses: Array, scan: NDArray[np.int64], angle: Array, ranges: Array) -> Array:
+    """Points (n, 2) [m] that beams of scans at poses (m, 3) of the scanner hit."""
+    x, y, yaw = poses[scan].T
+    points: Array = np.stack(
+        [x + ranges * np.cos(yaw + angle), y + ranges * np.sin(yaw + angle)], axis=1
+    )
+    return points
+
+
+def split_scan(laser: LaserSettings, ranges: Floats) -> list[Array]:
+    """Lines (n, 2) [m] of averaged points in the scanner's frame, of one scan (beams,)."""
+    n = laser.beams // _GROUP
+    grouped = ranges[: n * _GROUP].reshape(n, _GROUP).astype(np.float64)
+    angles = laser.angles[: n * _GROUP].reshape(n, _GROUP).mean(axis=1)
+    with np.errstate(invalid="ignore"):
+        spread = grouped.max(axis=1) - grouped.min(axis=1)
+        valid = np.isfinite(spread) & (spread < _SPREAD + 0.1 * grouped[:, 0])
+    mean = np.where(valid, grouped.mean(axis=1, where=np.isfinite(grouped) | ~valid[:, None]), 0.0)
+    points = np.stack([mean * np.cos(angles), mean * np.sin(angles)], axis=1)
+    found: list[Array] = []
+    start = 0
+    for k in range(1, n + 1):
+        joined = k < n and valid[k] and valid[k - 1]
+        joined = joined and abs(mean[k] - mean[k - 1]) < _SPREAD + 0.15 * mean[k]
+        if not joined:
+            _split(points[start:k], found)
+            start = k
+    return found
+
+
+def _split(points: Array, found: list[Array]) -> None:
+    """Add the straight parts of a run of points to those found (iterative end-point fit)."""
+    if len(points) < _MIN_POINTS:
+        return
+    along = points[-1] - points[0]
+    length = float(np.hypot(*along))
+    if length < _MIN_LENGTH:
+        return
+    off = np.abs((points - points[0]) @ np.array([-along[1], along[0]])) / length
+    farthest = int(np.argmax(off))
+    if off[farthest] <= _SPLIT:
+        found.append(points)
+        return
+    _split(points[: farthest + 1], found)
+    _split(points[farthest:], found)
+
+
+def find_walls(laser: LaserSettings, ranges: Floats, poses: Array) -> Walls:
+    """Walls that scans (n, beams) at poses (n, 3) of the scanner show."""
+    lines: list[tuple[float, float, float, Array]] = []  # length, angle, d, ends (2, 2)
+    for scan, (x, y, yaw) in zip(ranges, poses, strict=True):
+        turn = np.array([(np.cos(yaw), -np.sin(yaw)), (np.sin(yaw), np.cos(yaw))])
+        for part in split_scan(laser, scan):
+            points = part @ turn.T + (x, y)
+            middle = points.mean(axis=0)
+            along = np.linalg.svd(points - middle)[2][0]
+            normal = np.array([-along[1], along[0]])
+            normal *= np.sign(normal @ ((x, y) - middle)) or 1.0
+            ends = points[[0, -1]]
+            length = float(np.hypot(*(ends[1] - ends[0])))
+            angle = float(np.arctan2(normal[1], normal[0]))
+            lines.append((length, angle, float(normal @ middle), ends))
+    walls: list[list[float]] = []  # angle, d, from, to, lines
+    for _, angle, d, ends in sorted(lines, key=lambda line: -line[0]):
+        for wall in walls:
+            c, s = np.cos(wall[0]), np.sin(wall[0])
+            turned = abs((angle - wall[0] + np.pi) % (2.0 * np.pi) - np.pi)
+            off = float(np.abs(ends @ (c, s) - wall[1]).max())
+            low, high = sorted((ends @ (-s, c)).tolist())
+            near = low < wall[3] + _MAX_GAP and high > wall[2] - _MAX_GAP
+            if turned < _MAX_TURN and off < _MAX_DISTANCE and near:
+                wall[2:] = min(low, wall[2]), max(high, wall[3]), wall[4] + 1.0
+                break
+        else:
+            low, high = sorted((ends @ (-np.sin(angle), np.cos(angle))).tolist())
+            walls.append([angle, d, low, high, 1.0])
+    kept = np.array([wall for wall in walls if wall[4] >= _MIN_LINES]).reshape(-1, 5)
+    return Walls(kept[:, :2], kept[:, 2:4])
+
+
+def merge_walls(walls: Walls) -> Walls:
+    """Walls without those that are part of a longer one, as rough poses show a wall twice."""
+    order = np.argsort(walls.spans[:, 0] - walls.spans[:, 1])
+    kept: list[int] = []
+    spans = walls.spans.copy()
+    for k in order:
+        angle, d = walls.lines[k]
+        along = np.array([-np.sin(angle), np.cos(angle)])
+        ends = d * np.array([np.cos(angle), np.sin(angle)]) + spans[k][:, None] * along
+        for other in kept:
+            turned = abs((angle - walls.lines[other, 0] + np.pi) % (2.0 * np.pi) - np.pi)
+            c, s = np.cos(walls.lines[other, 0]), np.sin(walls.lines[other, 0])
+            low, high = sorted((ends @ (-s, c)).tolist())
+            near = low < spans[other, 1] + _JOINT and high > spans[other, 0] - _JOINT
+            off = float(np.abs(ends @ (c, s) - walls.lines[other, 1]).max())
+            if turned < _MAX_TURN and off < _SAME and near:
+                spans[other] = min(low, spans[other, 0]), max(high, spans[other, 1])
+                break
+        else:
+            kept.append(int(k))
+    return Walls(walls.lines[kept], spans[kept])
+
+
+def find_hits(
+    laser: LaserSettings, ranges: Floats, poses: Array, walls: Walls, gate: float, offset: float
+) -> Hits:
+    """Beams of scans (n, beams) at poses (n, 3) of the scanner that hit walls, within a gate [m].
+
+    `offset` [m] is subtracted from the ranges where points are placed; the hits hold raw ranges.
+    """
+    beams = np.arange(_EVERY // 2, laser.beams, _EVERY)
+    picked = ranges[:, beams].astype(np.float64)
+    scan, beam = np.nonzero(np.isfinite(picked) & (picked < laser.reach - 0.1))
+    angle, value = laser.angles[beams][beam], picked[scan, beam]
+    points = place_points(poses, scan, angle, value - offset)
+    normals = np.stack([np.cos(walls.lines[:, 0]), np.sin(walls.lines[:, 0])], axis=1)
+    tangents = np.stack([-normals[:, 1], normals[:, 0]], axis=1)
+    off = np.abs(points @ normals.T - walls.lines[:, 1])  # (points, walls)
+    along = points @ tangents.T
+    seen = poses[scan, :2] @ normals.T > walls.lines[:, 1]
+    inside = (along > walls.spans[:, 0] + _MARGIN) & (along < walls.spans[:, 1] - _MARGIN)
+    yaw = poses[scan, 2] + angle
+    steep = np.abs(np.cos(yaw[:, None] - walls.lines[:, 0])) > MIN_COSINE
+    off = np.where(inside & seen & steep, off, np.inf)
+    wall = np.argmin(off, axis=1)
+    near = off[np.arange(len(off)), wall] < gate
+    return Hits(scan[near], angle[near], value[near], wall[near])
