@@ -1,4 +1,4 @@
-"""Evaluation: what is stored is not computed again, nothing depends on workers, every key is real."""
+"""Evaluation: what is stored is not computed again, workers change nothing, and keys are real."""
 
 import json
 
