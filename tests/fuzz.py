@@ -31,6 +31,7 @@ import numpy as np
 
 from agents.benchmarks.entrants import stored_cases
 from agents.benchmarks.planner_benchmark import FORMAT, check_result
+from agents.benchmarks.tracks import read_result
 from agents.cli.arguments import spec
 from agents.evaluation.evaluate import env_settings as checked
 from agents.evaluation.map_evaluation import by_odometry
@@ -420,6 +421,16 @@ def _comparison(folder: Path) -> Path:
     return _written(folder / "results.json", content)
 
 
+def _entry(folder: Path) -> Path:
+    from agents.benchmarks import tracks
+
+    one = {"success": False, "contact": 0, "at_fault": 0, "clearance_min": 0.1, "plan_ms": 1.0}
+    episodes = [one | {"act_ms_p50": 1.0}]
+    result = {"benchmark": tracks.VERSION, "track": "people", "episodes": episodes}
+    result |= tracks.summary(episodes)
+    return _written(folder / "people.json", result | {"digest": tracks._digest(result)})
+
+
 def _use_comparison(path: Path) -> None:
     from agents.learning.folder import _results
     from agents.studio.session import CompareSession
@@ -680,6 +691,7 @@ READERS: dict[str, Reader] = {
         ("cli.train.training_content",),
     ),
     "planner results": Reader(_bench, check_result, ("benchmarks.planner_benchmark.check_result",)),
+    "benchmark entry": Reader(_entry, read_result, ("benchmarks.tracks.read_result",)),
     "comparison": Reader(
         _comparison, _use_comparison,
         ("learning.folder._results", "studio.session._results"),
