@@ -35,6 +35,7 @@ OWN = {
     "base.files.parse_yaml": "parses for all",
     "__init__.read_data": "data files of the project",
     "studio.__init__.page_texts": "texts of the page, files of the project",
+    "compiled.address.read_record": "tables of records, files of the project",
     "compiled.kernel._file_digest": "sources of the project",
     "evaluation.runs.source_digest": "sources of the project",
     "envs.world_banks._identity": "sources of the project",

@@ -52,7 +52,7 @@ TYPES = {
     **{f"/ultrasonic_{k}": "sensor_msgs/msg/Range" for k in range(8)},
     **{
         f"/wheelchair/{name}": "std_msgs/msg/String"
-        for name in ("episode", "reading", "command", "shield", "verdict", "battery")
+        for name in ("episode", "reading", "command", "shield", "verdict", "battery", "wheels")
     },
 }
 

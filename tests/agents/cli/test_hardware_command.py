@@ -210,9 +210,3 @@ def armed(reset):
             thread.join()
 
     return both
-
-
-def test_a_person_says_where_it_stands(monkeypatch, capsys):
-    monkeypatch.setattr("sys.stdin", iter(["what?\n", "\n", "0.03,-0.12\n"]))
-    assert hardware.measured_end("done").tolist() == [0.03, -0.12]
-    assert "expected two numbers" in capsys.readouterr().err
