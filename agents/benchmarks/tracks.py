@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import random
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
@@ -20,7 +21,6 @@ from agents import read_data
 from agents.evaluation.evaluate import Spec, evaluate, label, labelled_with, make_env
 from agents.evaluation.metrics import Record
 from agents.evaluation.provenance import now, provenance, write_json
-from agents.evaluation.runs import run_key
 from agents.evaluation.statistics import wilson
 from wheelchair_gym.base.settings import InputError, read_json, suggest
 from wheelchair_gym.types import Episode
@@ -32,6 +32,10 @@ TRACKS: Final[dict[str, Any]] = _TABLE["tracks"]
 FIGURES: Final = ("success", "outcome", "time", "contact", "at_fault", "clearance_min", "length")
 COMPUTING: Final = ("plan_ms", "act_ms_p50", "act_ms_p95")
 NEAR: Final = 1e-6  # digits of a world that its digest holds: others differ between processors
+NEEDED: Final = {
+    "benchmark", "track", "spec", "development", "worlds", "machine", "versions", "episodes",
+    "digest",
+}  # fmt: skip
 DIFFERENT: Final = 0.2  # share of outcomes that may differ on another kind of processor
 
 
@@ -60,11 +64,8 @@ class Track:
             ]
         first = _TABLE["seeds"][kind]
         self.seeds, self.digest = range(first, first + of["episodes"]), of["digests"][kind]
-        self.env = {
-            **_TABLE["env"],
-            **of.get("env", {}),
-            "split": "train" if development else "test",
-        }
+        split = {"split": "train" if development else "test"}
+        self.env: dict[str, Any] = _TABLE["env"] | of.get("env", {}) | split
         self._assists = bool(people)
 
     def found_digest(self) -> str:
@@ -90,11 +91,14 @@ class Track:
 
 
 def _add(digest: Any, episode: Episode) -> None:
-    parts = [episode.start, episode.goal, episode.walls, episode.discs, episode.map.origin]
-    parts += [episode.actors.routes, *(episode.actors.rows[name] for name in ("pose", "speed"))]
-    for part in parts:
+    rows: Any = episode.actors.rows
+    grid = episode.map
+    parts: list[Any] = [episode.start, episode.goal, episode.walls, episode.discs]
+    parts += [grid.origin, grid.resolution, episode.actors.routes]
+    parts += [np.nan if one is None else one for one in (episode.tolerance, episode.time_limit)]
+    for part in (*parts, *(rows[name] for name in rows.dtype.names)):
         digest.update((np.round(np.asarray(part, np.float64) / NEAR) + 0.0).tobytes())  # no -0
-    digest.update(episode.map.cells.tobytes())
+    digest.update(grid.cells.tobytes())
 
 
 def run(
@@ -156,7 +160,7 @@ def summary(episodes: list[Record]) -> Record:
 
 
 def _digest(result: Mapping[str, Any]) -> str:
-    return run_key(json.loads(json.dumps(dict(result))))
+    return hashlib.sha256(json.dumps(result, sort_keys=True).encode()).hexdigest()
 
 
 def read_result(path: Path) -> Record:
@@ -166,13 +170,20 @@ def read_result(path: Path) -> Record:
         InputError: it cannot be read, is of another version, or was changed.
     """
     result = read_json(path)
-    if not isinstance(result, dict) or not {"benchmark", "track", "digest"} <= result.keys():
+    if not isinstance(result, dict) or not result.keys() >= NEEDED:
         raise InputError(f"{path}: expected a result file of `wheelchair benchmark run`")
     if result["benchmark"] != VERSION:
         raise InputError(f"{path}: of version {result['benchmark']}; expected {VERSION}")
     digest = result.pop("digest")
-    if digest != _digest(result) or result | summary(result["episodes"]) != result:
+    if digest != _digest(result):
         raise InputError(f"{path}: was changed since it was written: its digest differs")
+    try:
+        agrees = result | summary(result["episodes"]) == result
+        places = {(str(one["scene"]), int(one["seed"])) for one in result["episodes"]}
+    except (ArithmeticError, KeyError, TypeError, ValueError):
+        agrees, places = False, set()
+    if not agrees or len(places) < len(result["episodes"]):
+        raise InputError(f"{path}: its figures are not those of its episodes, each once")
     return result
 
 
@@ -184,7 +195,7 @@ def verify(path: Path, episodes: int, jobs: int = 1, progress: bool = True) -> t
 
     Args:
         path: of the result file.
-        episodes: of each scene, evenly from its seeds.
+        episodes: of each scene, drawn at random, so that nobody knows them before.
         jobs: worker processes.
         progress: show a bar.
 
@@ -198,9 +209,8 @@ def verify(path: Path, episodes: int, jobs: int = 1, progress: bool = True) -> t
         (label(scene), seed) for scene in drives.scenes for seed in drives.seeds
     }:
         raise InputError(f"{path}: its episodes are not those of the track {result['track']}")
-    every = max(1, len(drives.seeds) // episodes)
+    some = sorted(random.sample(drives.seeds, min(episodes, len(drives.seeds))))
     with TemporaryDirectory() as folder:
-        some = drives.seeds[::every]
         records = drives.drive(result["spec"], some, Path(folder), jobs, progress)
     here = provenance()
     same = here["versions"] == result["versions"]
@@ -208,11 +218,11 @@ def verify(path: Path, episodes: int, jobs: int = 1, progress: bool = True) -> t
     differ = []
     for record in records:
         before = wanted[record["scene"], record["seed"]]
-        where = f"{record['scene']}, seed {record['seed']}"
-        for key in FIGURES if same else ("outcome",):
-            if record[key] != before[key]:
-                differ.append(f"{where}: {key} is {record[key]}, not {before[key]}")
+        keys = FIGURES if same else ("success", "outcome")
+        if off := [f"{k} is {record[k]}, not {before[k]}" for k in keys if record[k] != before[k]]:
+            differ.append(f"{record['scene']}, seed {record['seed']}: {', '.join(off)}")
     how = "every figure" if same else f"outcomes, but {DIFFERENT:.0%}, on another machine"
     agrees = len(differ) <= (0 if same else DIFFERENT * len(records))
-    lines = [f"{len(records)} episodes driven again; compared: {how}", *differ[:5]]
+    seeds = ", ".join(map(str, some))
+    lines = [f"{len(records)} episodes driven again (seeds {seeds}); compared: {how}", *differ[:5]]
     return agrees, "\n".join([*lines, "agrees" if agrees else "does not agree"])

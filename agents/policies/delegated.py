@@ -77,11 +77,12 @@ class Isolated:
 class IsolatedDriver:
     """Sends missions and readings to a policy's process, and returns its commands.
 
-    The key of a mission is another number than the environment's, from which no world can be drawn
-    again. Policies of equal settings share a process, which makes a fresh one for each episode.
+    The key of a mission is another number than the environment's. Policies of equal settings share
+    a process, which makes a fresh one for each episode and drives one episode at a time.
 
     Raises:
-        RuntimeError: the policy failed, its process ended, or it took longer than `LONGEST`.
+        RuntimeError: the policy failed, its process ended, it took longer than `LONGEST`, or
+            another episode has begun in its process.
     """
 
     def __init__(self, spec: Any) -> None:
@@ -98,39 +99,45 @@ class IsolatedDriver:
         return command
 
     def _ask(self, call: str, value: Any) -> Any:
-        pipe = _pipe_to(self._spec)
+        process, pipe = _process_of(self._spec)
         try:
-            pipe.send((call, value))
+            pipe.send((call, id(self), value))
             if not pipe.poll(LONGEST):
-                raise RuntimeError(f"the policy's {call} took longer than {LONGEST:g} s")
+                raise TimeoutError(f"took longer than {LONGEST:g} s")
             answer, failure = pipe.recv()
         except (EOFError, OSError) as error:
-            _pipe_to.cache_clear()  # the next episode starts another process
-            raise RuntimeError(f"the policy's process ended in {call}") from error
+            process.kill()  # a late answer would be taken for the next one's
+            _process_of.cache_clear()
+            why = error if isinstance(error, TimeoutError) else "ended"
+            raise RuntimeError(f"the policy's process {why} in {call}") from error
         if failure:
             raise RuntimeError(f"the policy failed in its process: {failure}")
         return answer
 
 
 @lru_cache(1)
-def _pipe_to(spec: str) -> Connection:
-    """Start a policy's process, which ends with its pipe or with this process."""
+def _process_of(spec: str) -> tuple[Any, Connection]:
+    """Start a policy's process, which ends with its pipe or with this process, and the pipe."""
     start = multiprocessing.get_context("spawn")
     ours, theirs = start.Pipe()
-    start.Process(target=_serve, args=(json.loads(spec), theirs), daemon=True).start()
+    process = start.Process(target=_serve, args=(json.loads(spec), theirs), daemon=True)
+    process.start()
     theirs.close()
-    return ours
+    return process, ours
 
 
 def _serve(spec: Any, pipe: Connection) -> None:
     """Answer the calls of `IsolatedDriver` until nobody holds the other end."""
+    owner = 0  # whose episode it is
     with suppress(EOFError, OSError):
         while True:
-            call, value = pipe.recv()
+            call, asking, value = pipe.recv()
             answer, failure = None, ""
             try:
                 if call == "reset":
-                    policy = make_policy(spec)
+                    policy, owner = make_policy(spec), asking
+                if asking != owner:
+                    raise InputError("another episode has begun in this process")
                 answer = getattr(policy, call)(value)
             except Exception as error:
                 failure = str(error) if isinstance(error, InputError) else traceback.format_exc()

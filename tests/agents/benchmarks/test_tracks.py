@@ -13,7 +13,7 @@ from agents.benchmarks import tracks
 from agents.cli import main
 from agents.evaluation.evaluate import drive_episode, make_env
 from agents.policies import make_policy
-from tests.conftest import refusal
+from tests.conftest import long_but, refusal
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.types import Command
 
@@ -118,6 +118,43 @@ def test_figures_of_a_policy_that_reads_the_truth_do_not_agree(tmp_path, capsys)
     agrees, text = tracks.verify(path, 2, progress=False)
     assert not agrees
     assert "outcome is timeout, not success" in text
+
+
+@pytest.mark.parametrize("name", long_but(sorted(tracks.TRACKS), ["narrow_places"]))
+def test_the_worlds_of_a_track_are_those_of_its_version(name):
+    for development in (False, True):
+        track = tracks.Track(name, development)
+        assert track.found_digest() == track.digest
+
+
+@pytest.mark.parametrize("change", ["twice", "no success", "none"])
+def test_episodes_that_do_not_add_up_are_refused(change, tmp_path):
+    """Also where the digest is that of the changed file."""
+    result, path = tracks.run("straight", "tiny", tmp_path, progress=False)
+    if change == "twice":
+        result["episodes"].append(result["episodes"][0])
+    elif change == "no success":
+        del result["episodes"][0]["success"]
+    else:
+        result["episodes"] = []
+    if change == "twice":
+        result |= tracks.summary(result["episodes"])
+    path.write_text(json.dumps(result | {"digest": tracks._digest(result)}))
+    with pytest.raises(ValueError, match="are not those of its episodes, each once"):
+        tracks.read_result(path)
+
+
+def test_two_episodes_in_one_process_are_not_mixed_up():
+    spec = {"name": "isolated", "policy": "straight"}
+    env = make_env("empty", {"beams": 16}, None)
+    env.reset(seed=0)
+    mission, one, other = env.unwrapped.mission, make_policy(spec), make_policy(spec)
+    one.reset(mission)
+    one.act(mission.reading)
+    other.reset(mission)
+    with pytest.raises(RuntimeError, match="another episode has begun"):
+        one.act(mission.reading)
+    env.close()
 
 
 def test_other_worlds_are_refused(tmp_path):
