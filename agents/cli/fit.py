@@ -27,11 +27,10 @@ def run(given: argparse.Namespace) -> int:
     logs = [(drive.name, drive.log) for drive in drives]
     found = fit(logs, first.chair, first.sensors, given.mass, given.seed)
     files: dict[str, Any] = settings_of(found)
+    lines = [line_of(one) for one in found.findings] + list(found.notes)
     if given.out is not None:
         for name, content in files.items():
             write_json(Path(given.out) / name, content)
-    lines = [line_of(one) for one in found.findings] + list(found.notes)
-    if given.out is not None:
         lines.append(f"written to {given.out}: {', '.join(files)}")
     report(given, files["fit.json"], "\n".join(lines))
     return 0

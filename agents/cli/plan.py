@@ -15,15 +15,8 @@ import numpy as np
 
 from agents.benchmarks.entrants import small_problem
 from agents.cli.arguments import changed, report, spec
-from agents.studies.plan_pictures import (
-    RATE,
-    SHORTENS,
-    STEERS,
-    Drawn,
-    PlanPictures,
-    controls_of,
-    describe,
-)
+from agents.studies import plan_pictures
+from agents.studies.plan_pictures import SHORTENS, STEERS, Drawn, PlanPictures
 from agents.studies.plan_pictures import problem_of as thesis_problem
 from planners import PLANNERS, Plan, Problem, Space, Status, make_planner
 from planners.graphs.visibility import Visibility, optima
@@ -182,15 +175,15 @@ def _run_map(
             )
         shown = given.picture or given.video
         if drawn is not None or (shown and PLANNERS.name_of(planner) in (SHORTENS, STEERS)):
-            made = controls_of(pictures.drawn, plan, given.seed)
+            made = plan_pictures.controls_of(pictures.drawn, plan, given.seed)
             pictures = replace(pictures, made=made)
-            text += f"; {describe(made)}"
+            text += f"; {plan_pictures.describe(made)}"
             answer |= {"commands": made.commands.tolist(), "arrived": bool(made.arrived)}
             answer |= {"collision_free": bool(made.collision_free), "error": made.error}
         if given.picture:
             write_png(given.picture, pictures.draw(text))
         if given.video:
-            write_video(given.video, pictures.film(), RATE)
+            write_video(given.video, pictures.film(), plan_pictures.RATE)
         report(given, answer, text)
         return 0
     if given.json:

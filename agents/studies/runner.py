@@ -13,22 +13,12 @@ import matplotlib as mpl
 import numpy as np
 
 from agents import read_data
+from agents.evaluation import tables
 from agents.evaluation.plots import LOOK, as_svg
 from agents.evaluation.provenance import command_line, now, provenance, write_json, write_text
 from agents.evaluation.runs import compute, run_key, source_digest
 from agents.evaluation.statistics import wilson
-from agents.evaluation.tables import (
-    Cell,
-    Column,
-    Figures,
-    Table,
-    columns_of,
-    csv_table,
-    exists,
-    json_value,
-    make_table,
-    write_page,
-)
+from agents.evaluation.tables import Cell, Column, Figures, Table
 from agents.studies.claims import LEVEL, Claim, ClaimVerdict, agreement, no_evidence
 from agents.studies.experiments import kernel_key, measure
 from agents.studies.figures import FIGURES, gains, mean_interval
@@ -66,11 +56,11 @@ def summary_text(chapters: Sequence[Chapter]) -> str:
 
 def effect_text(claim: Mapping[str, Any]) -> str:
     """The effect with its interval; a share has no sign."""
-    if not exists(claim["effect"]):
+    if not tables.exists(claim["effect"]):
         return str(claim["test"])
     sign = "" if claim["test"].startswith("binomial") else "+"
     effect, low, high = (
-        f"{round(claim[key], 6):{sign}.3g}" if exists(claim[key]) else "?"
+        f"{round(claim[key], 6):{sign}.3g}" if tables.exists(claim[key]) else "?"
         for key in ("effect", "low", "high")
     )
     return f"{effect}{'' if low == high else f' ({low} to {high})'} {claim['unit']}"
@@ -92,7 +82,7 @@ def write_studies_page(
         fits = _fits(chapter["readings"]) if chapter["readings"] else None
         table = None if fits else _table(chapter)
         found.append({**chapter, "claims": claims, "table": table, "fits": fits, "drawn": drawn})
-    return write_page(
+    return tables.write_page(
         path, "studies.html", title=title, source=source, totals=_totals(found),
         failed=[c for of in found for c in of["claims"] if c["verdict"] == ClaimVerdict.FAILS],
         level=f"{LEVEL:g}", contents=_contents(found), chapters=found,
@@ -113,7 +103,7 @@ def _contents(chapters: Sequence[Chapter]) -> Table:
 def _fits(readings: Sequence[Mapping[str, Any]]) -> Table:
     """The readings of an algorithm, by how well they predict the printed lengths."""
     caption = f"{readings[0]['rows']} printed mean lengths; intervals by bootstrap over them"
-    return make_table(caption, columns_of("readings"), [readings])
+    return tables.make_table(caption, tables.columns_of("readings"), [readings])
 
 
 def _table(chapter: Chapter) -> Table:
@@ -122,7 +112,7 @@ def _table(chapter: Chapter) -> Table:
     for m in chapter["metrics"]:
         key, unit, of = m["key"], m["unit"], "mean and 95 % interval"
         columns.append(Column(key, m["name"], unit, m["digits"], interval=True, meaning=of))
-        if any(exists(row["figures"][key]["published"]) for row in chapter["rows"]):
+        if any(tables.exists(row["figures"][key]["published"]) for row in chapter["rows"]):
             columns.append(Column(f"{key}_published", "published", unit, "g", meaning="as printed"))
             columns.append(Column(f"{key}_ratio", "ratio", "", ".3g", meaning="ours / published"))
 
@@ -320,7 +310,7 @@ def run_studies(
             | {k: v for k, v in record.items() if not isinstance(v, list | dict)}
             for row, stratum, seed, record in runs_of
         ]
-        write_text(folder / f"{study.name}.csv", csv_table(lines))
+        write_text(folder / f"{study.name}.csv", tables.csv_table(lines))
         write_json(folder / f"{study.name}.json", {
             "format": FORMAT, "command": command_line(), "provenance": source, **chapter,
         })  # fmt: skip
@@ -332,7 +322,7 @@ def run_studies(
         for name, chapter in chapters.items()
         for claim in chapter["claims"]
     ]
-    write_text(folder / VERDICTS, csv_table(verdicts))
+    write_text(folder / VERDICTS, tables.csv_table(verdicts))
     source["wall_time_s"] = round(time.perf_counter() - started, 1)
     write_studies_page(
         folder / "report.html", title or "The experiments of the sources, repeated", page,
@@ -374,12 +364,12 @@ def cell_figures(results: Results, row: Row, metric: Metric) -> dict[str, Any]:
         mean = low = high = float(values.mean()) if len(values) else np.nan
     given = row.published.get(metric.key)
     return {
-        "mean": json_value(mean),
-        "low": json_value(low),
-        "high": json_value(high),
+        "mean": tables.json_value(mean),
+        "low": tables.json_value(low),
+        "high": tables.json_value(high),
         "runs": len(values),
         "published": given,
-        "ratio": json_value(mean / given) if given else None,
+        "ratio": tables.json_value(mean / given) if given else None,
     }
 
 
@@ -402,8 +392,8 @@ def summary(study: Study, results: Results, runs: int) -> dict[str, Any]:
             "claim": claim.text,
             "source": claim.source,
             "reading": claim.reading or study.reading,
-            "printed": json_value(100.0 * claim.printed_effect(study)),
-            **{key: json_value(getattr(evidence, key)) for key in ("effect", "low", "high")},
+            "printed": tables.json_value(100.0 * claim.printed_effect(study)),
+            **{key: tables.json_value(getattr(evidence, key)) for key in ("effect", "low", "high")},
             "unit": evidence.unit,
             "margin": None if margin is None else 100.0 * margin,
             "verdict": str(evidence.verdict(CLAIMS)),

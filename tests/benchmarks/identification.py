@@ -49,7 +49,7 @@ WEAK_BATTERIES: Final = {4: 0.1, 9: 0.15, 15: 0.2, 22: 0.25}  # charge of these 
 
 
 def hidden_chair(number: int) -> dict[str, float]:
-    """What is hidden of one of the chairs, by the names of HIDDEN, `slope` [rad] and `charge`."""
+    """Hidden values of one of the chairs: those of HIDDEN, `slope` [rad] and `charge`."""
     draws = qmc.LatinHypercube(len(HIDDEN), seed=SEED).random(CHAIRS)[number]
     found: dict[str, Any] = {
         name: float(low + share * (high - low))

@@ -9,7 +9,6 @@ import pytest
 
 from tests.hardware.conftest import build_twin
 from tests.sim.worlds import box
-from wheelchair_gym.base.settings import InputError, load
 from wheelchair_gym.geometry.kinematics import DriveGeometry
 from wheelchair_gym.hardware.boards.protocol import Command
 from wheelchair_gym.hardware.chair import for_equal_wheels
@@ -20,46 +19,6 @@ from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sim.settings import ChairSettings, PhysicsSettings
 
 BELIEVED = PlantSettings(ChairSettings(), SensorSettings(noise=False), PhysicsSettings())
-WRONG = {
-    "not an object": ([], "has no object; expected chair, sensors or physics"),
-    "unknown section": ({"shield": {}}, "has the key shield"),
-    "unknown key": ({"chair": {"colour": 1}}, "chair.colour is not a setting"),
-    "limits": ({"chair": {"limits": {"forward": 0.5}}}, "sets chair.limits.forward, which the"),
-    "gain": ({"chair": {"motor": {"kp": 1.0}}}, "sets chair.motor.kp, which the chair's computer"),
-    "feed": ({"chair": {"motor": {"feed_constant": 2.0}}}, "sets chair.motor.feed_constant"),
-    "delay": ({"chair": {"command_delay": 0.1}}, "sets chair.command_delay"),
-    "pose": ({"sensors": {"pose_source": "mcl"}}, "sets sensors.pose_source"),
-    "step": ({"physics": {"step": 0.002}}, "sets physics.step"),
-    "rows": (
-        {"chair": {"randomization": [{"quantity": "command_delay", "high": 0.1}]}},
-        "randomization draws command_delay; commands reach the emulated boards at once",
-    ),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", WRONG)
-def test_what_the_twin_cannot_be_is_refused_in_one_line(tmp_path, name):
-    content, message = WRONG[name]
-    file = tmp_path / "hidden.json"
-    file.write_text(json.dumps(content))
-    with pytest.raises(InputError, match=message) as caught:
-        PlantSettings.read(file, BELIEVED)
-    assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("chair", "sensors", "message"),
-    [
-        ({"command_delay": 0.1}, {}, "chair.command_delay is 0.1"),
-        ({}, {"faults": {"share": 0.5}}, "sensors.faults.share is 0.5; inject faults by"),
-        ({}, {"odometry": {"variance": 1e-4}}, "odometry.variance: the twin's encoders"),
-    ],
-)
-def test_settings_that_the_twin_would_ignore_are_refused(chair, sensors, message):
-    with pytest.raises(InputError, match=message):
-        Plant(load(ChairSettings, chair, "chair"), load(SensorSettings, sensors, "sensors"))
-
-
 HIDDEN = {
     "chair": {"drive": {"wheel_ratio": 1.02}, "body": {"mass": 180.0}, "motor": {"gain": 0.8}},
     "sensors": {"laser": {"offset": 0.03}},

@@ -84,7 +84,7 @@ def drive(hidden: dict[str, float], episode: Episode | None = None, key: int = 5
 
 
 def truth(hidden: dict[str, float]) -> dict[str, float]:
-    """What a fit must find, by the names of its findings."""
+    """True values, by the names of a fit's findings."""
     e, scale = hidden.get("odometry.diameter_error", 0.0), hidden.get("odometry.scale_error", 0.0)
     radius = CHAIR.drive.wheel_radius * (1.0 + scale)
     mass = hidden.get("body.mass", CHAIR.body.mass)

@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 
 from agents.cli import main
+from tests.benchmarks import identification
+from tests.benchmarks.identification import LIMITS
 from tests.conftest import refusal
 from tests.identification.drives import CHAIR, SENSORS, drive, room, truth
 from wheelchair_gym.base.errors import InputError
 from wheelchair_gym.base.settings import load
-from wheelchair_gym.identification.fit import fit, settings_of
+from wheelchair_gym.identification.fit import MEASURED, fit, settings_of
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sim.randomization import JointRandomization
 from wheelchair_gym.sim.settings import ChairSettings
@@ -25,12 +27,7 @@ HIDDEN = {
     "odometry.diameter_error": -0.015, "odometry.track_error": 0.025, "body.mass": 190.0,
     "motor.gain": 0.85, "slope": math.radians(1.5), "downhill": 2.0,
 }  # fmt: skip
-# Greatest errors of the values; below, relative ones.
-LIMITS = {
-    "scale": 1e-3, "wheel_ratio": 5e-4, "track": 1e-3, "x": 3e-3, "y": 3e-3,
-    "yaw": math.radians(0.1), "offset": 6e-3, "delay": 0.01,
-}  # fmt: skip
-RELATIVE = {"sigma": 0.1, "gain/(R m)": 0.03, "torque_constant": 0.02}
+RELATIVE = {**identification.RELATIVE, "torque_constant": 0.02}
 
 
 @pytest.fixture(scope="module")
@@ -111,6 +108,26 @@ def test_a_level_floor_is_not_taken_for_a_slope():
     assert values(found)["scale"] == pytest.approx(0.995, abs=1e-3)
 
 
+def test_what_is_not_seen_keeps_the_value_of_the_config(driven, monkeypatch):
+    for name in ("y", "offset", "wheel_ratio"):
+        monkeypatch.setitem(MEASURED, name, 0.0)
+    config = dataclasses.replace(SENSORS, laser=dataclasses.replace(SENSORS.laser, bias=0.004))
+    told = fit([("drive", driven.log)], CHAIR, config)
+    assert values(told)["y"] is values(told)["offset"] is None
+    laser, before = told.sensors.laser, config.laser
+    assert (laser.y, laser.offset, laser.bias) == (before.y, before.offset, before.bias)
+    assert told.chair.drive.wheel_ratio == CHAIR.drive.wheel_ratio
+    assert laser.x == values(told)["x"]
+
+
+def test_wheels_that_count_in_other_units_give_the_same_chair(driven, found):
+    log = driven.log._replace(travel=1.02 * driven.log.travel)
+    told, plain = values(fit([("drive", log)], CHAIR, SENSORS)), values(found)
+    assert told["scale"] == pytest.approx(plain["scale"] / 1.02, abs=2e-4)
+    for name in ("wheel_ratio", "track", "x", "y", "yaw", "offset"):
+        assert told[name] == pytest.approx(plain[name], abs=LIMITS[name]), name
+
+
 SHORT = {
     "stands": (((0.0, 0.0, 12.0),), "a turn to the left of 3 rad .it has 0.0., a turn to the"),
     "one way": (((0.3, 0.5, 25.0),), "lacks a turn to the right of 3 rad"),
@@ -135,11 +152,6 @@ def test_without_voltages_motors_are_not_seen(driven):
     assert "motors not seen: duty and voltage" in found.notes[0]
     assert found.chair.motor == CHAIR.motor
     assert told["track"] == pytest.approx(truth(HIDDEN)["track"], abs=1e-3)
-
-
-def test_a_recording_without_reports_is_refused(tmp_path, capsys):
-    file = tmp_path / "none.mcap"
-    assert "none.mcap" in refusal(["fit", str(file)], capsys)
 
 
 def test_a_short_recording_is_refused_by_the_command(tmp_path, capsys):

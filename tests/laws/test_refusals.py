@@ -1,4 +1,4 @@
-"""What is wrong is refused in one line that names it; the inputs stand in refusals.yaml."""
+"""Wrong input is refused in one line that names it; the inputs stand in refusals.yaml."""
 
 import re
 
@@ -15,15 +15,17 @@ from planners.problem_files import read_problems
 from planners.rrt_star_woa import thesis
 from planners.swarm.planner import SwarmPlanner
 from tests.conftest import ROOT
+from tests.hardware import test_plant
 from tests.maps import test_files, test_importers
 from tests.maps.test_importers import put
 from tests.planners.test_problems import GOOD
 from tests.planners.test_thesis import FIGURE
 from tests.scenes.test_scenes import WORLDS
 from wheelchair_gym import maps
-from wheelchair_gym.base.settings import InputError, load, read_json
+from wheelchair_gym.base.settings import InputError, dump, load, read_json
 from wheelchair_gym.envs import EnvSettings, NavigationVectorEnv
 from wheelchair_gym.geometry.kinematics import Limits
+from wheelchair_gym.hardware.twin.plant import Plant, PlantSettings
 from wheelchair_gym.maps.cost_to_go import CostToGoSettings
 from wheelchair_gym.maps.io.floor_plan import read_floor_plan_image
 from wheelchair_gym.people.assistance import make_compiled
@@ -31,11 +33,16 @@ from wheelchair_gym.people.drivers import make_driver
 from wheelchair_gym.safety import Shield
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.sensors.settings import SensorSettings
+from wheelchair_gym.sim.randomization import JointRandomization
 from wheelchair_gym.sim.settings import ChairSettings
 
 REFUSALS = yaml.safe_load((ROOT / "tests" / "laws" / "refusals.yaml").read_text())
 SETTINGS = ChairSettings, CostToGoSettings, EnvSettings, Limits, SensorSettings, Training
 PROTOCOL = read_json(ROOT / "examples" / "participants.json")
+JOINT = dump(load(JointRandomization, {
+    "quantities": ["motor.gain", "body.mass"], "mean": [1.0, 90.0],
+    "covariance": [[0.01, 0.0], [0.0, 4.0]],
+}, "joint"))  # fmt: skip
 CLASSES = {cls.__name__: cls for cls in SETTINGS}
 
 
@@ -94,6 +101,13 @@ MAKERS = {
     "barn": lambda value, folder: sample_barn(
         put(folder, "worlds.json", [changed(WORLDS[0], value)])
     ),
+    "plant": lambda value, folder: PlantSettings.read(
+        put(folder, "hidden.json", value), test_plant.BELIEVED
+    ),
+    "twin": lambda value, _: Plant(
+        load(ChairSettings, value[0], "chair"), load(SensorSettings, value[1], "sensors")
+    ),
+    "joint": lambda value, _: load(ChairSettings, {"joint": JOINT | value}, "chair.json"),
     "no problems": lambda value, folder: read_problems(put(folder, "problems.json", value)),
     "no worlds": lambda value, folder: sample_barn(put(folder, "worlds.json", value)),
 }

@@ -120,25 +120,6 @@ def test_a_joint_row_draws_its_covariance():
     assert settings.min_gain == pytest.approx(1.0 - 0.2 * 3.46)
 
 
-@pytest.mark.parametrize(
-    ("changed", "message"),
-    [
-        ({"mean": [1.0]}, "expected 2 means"),
-        ({"covariance": [[1.0, 0.5], [0.4, 1.0]]}, "not symmetric"),
-        ({"covariance": [[0.1, 0.2], [0.2, 0.1]]}, "not positive semidefinite"),
-        ({"mean": [1.0, 5.0]}, "mean of body.mass: expected 20 to 400"),
-        ({"quantities": ["body.mass", "body.mass"], "mean": [90.0, 90.0]}, "names body.mass twice"),
-        ({"quantities": ["motor.gain", "laser.sigma"]}, "mean of laser.sigma"),
-    ],
-)
-def test_a_wrong_joint_row_is_refused_in_one_line(changed, message):
-    row = {"quantities": ["motor.gain", "body.mass"], "mean": [1.0, 90.0],
-           "covariance": [[0.01, 0.0], [0.0, 4.0]]}  # fmt: skip
-    load(ChairSettings, {"joint": row}, "chair.json")
-    with pytest.raises(InputError, match=message):
-        load(ChairSettings, {"joint": row | changed}, "chair.json")
-
-
 def test_without_rows_an_episode_is_as_the_settings_say():
     chair = SimulatedChair(sensors=TWO)
     chair.reset(box(), 7)

@@ -28,6 +28,7 @@ from wheelchair_gym.engine import GRAVITY
 from wheelchair_gym.identification.logs import DriveLog
 
 TERMS: Final = ("push", "damping", "drag", "pull_x", "pull_y")
+_PULL = slice(3, 5)  # places of the pull in an array of values
 _WINDOW, _EVERY = 1.0, 0.1  # s: of a window, and between the starts of two
 _PERIOD = 0.02  # s: travel and voltage are sampled anew
 _SLOWEST = 0.02  # m/s: in windows with slower moments, brakes or dry friction may hold
@@ -39,12 +40,10 @@ _MIN_WINDOWS = 60
 
 
 class DriveTrain(NamedTuple):
-    """What was found, by the names of TERMS."""
+    """Values of TERMS, and how certain they are."""
 
     values: Array  # (5,) m/s2 per V; 1/s; m/s2; m/s2; m/s2
-    deviations: Array  # (5,)
     covariance: Array  # (5, 5)
-    windows: int  # from which it was found
 
 
 def _sampled(log: DriveLog, scale: float, path: Array) -> tuple[Array, Array, Array]:
@@ -107,8 +106,7 @@ def fit_drive_train(
     values = _solve(matrix, target, np.ones(len(rows)))
     counts = [_drawn(blocks, rng) for _ in range(_DRAWS)]
     draws = np.array([_solve(matrix, target, count) for count in counts])
-    covariance = np.cov(draws.T)
-    return DriveTrain(values, np.sqrt(np.diag(covariance)), covariance, len(rows))
+    return DriveTrain(values, np.cov(draws.T))
 
 
 def _drawn(blocks: NDArray[np.int64], rng: np.random.Generator) -> Array:
@@ -130,8 +128,8 @@ def slope_of(train: DriveTrain, share: float) -> tuple[float, float, float]:
 
     `share` is M / m: gravity moves the rotors, too.
     """
-    x, y = train.values[3:5]
+    x, y = train.values[_PULL]
     pull = float(np.hypot(x, y))
-    deviation = float(np.sqrt(max(np.linalg.eigvalsh(train.covariance[3:5, 3:5]))))
+    deviation = float(np.sqrt(max(np.linalg.eigvalsh(train.covariance[_PULL, _PULL]))))
     per = share / GRAVITY
     return pull * per, deviation * per, float(np.arctan2(y, x))

@@ -20,20 +20,21 @@ from wheelchair_gym.base.settings import dump
 from wheelchair_gym.geometry.kinematics import DriveGeometry
 from wheelchair_gym.geometry.planar import compose, relative_pose
 from wheelchair_gym.identification import drive_train, kinematics
-from wheelchair_gym.identification.kinematics import UNKNOWNS, poses_at, wheel_path
+from wheelchair_gym.identification.kinematics import OFFSET, UNKNOWNS, poses_at, wheel_path
 from wheelchair_gym.identification.logs import DriveLog
 from wheelchair_gym.perception.slam import Slam, SlamSettings
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 from wheelchair_gym.sim.randomization import JointRandomization
 from wheelchair_gym.sim.settings import WHEEL_INERTIA, ChairSettings
 
-# What a log has to show of the chair's motion: its name, unit, and least amount.
+# Motion that a log has to show: its name, unit, and smallest amount.
 NEEDED: Final = {
     "turn to the left": ("rad", 3.0), "turn to the right": ("rad", 3.0), "drive": ("m", 3.0),
 }  # fmt: skip
 _MIN_SCANS = 100
 _PARTICLES = 2  # of SLAM: poses need only be rough
 _SURE = 1.96  # deviations of a 95 % interval
+_SIGMA_DEVIATION = 0.05  # relative: of errors on simulated chairs (tests.benchmarks.identification)
 # Deviations up to which a value counts as measured.
 MEASURED: Final = {
     "scale": 2e-3, "wheel_ratio": 1e-3, "track": 3e-3, "x": 5e-3, "y": 5e-3, "yaw": 4e-3,
@@ -76,7 +77,7 @@ class Fit(NamedTuple):
 
 
 def missing(log: DriveLog, drive: DriveGeometry) -> str:
-    """What a log lacks for identification; empty: nothing."""
+    """Name all that a log lacks for identification; an empty text if it lacks nothing."""
     steps = np.diff(log.travel, axis=0)
     turns = (steps[:, 1] - steps[:, 0]) / drive.track
     seen = {
@@ -113,12 +114,12 @@ def _combined(parts: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
     return covariance @ np.sum(terms, axis=0), covariance
 
 
-def _no_echo(log: DriveLog) -> float:
-    """Share of beams without an echo between two scans in which they had one."""
+def _no_echo(log: DriveLog) -> tuple[int, int]:
+    """Beams without an echo between two scans with one and the same, and all beams with such."""
     before, now, after = log.ranges[:-2], log.ranges[1:-1], log.ranges[2:]
     seen = np.isfinite(before) & np.isfinite(after)
     seen &= np.abs(np.where(seen, before, 0.0) - np.where(seen, after, 0.0)) < 0.1
-    return float((seen & ~np.isfinite(now)).sum() / max(1, seen.sum()))
+    return int((seen & ~np.isfinite(now)).sum()), int(seen.sum())
 
 
 def fit(
@@ -151,9 +152,15 @@ def fit(
             raise InputError(f"{name}: {error}") from None
     values, covariance = _combined([(one.values, one.covariance) for one in found])
     conditional = np.min([one.conditional for one in found], axis=0)
-    named = dict(zip(UNKNOWNS, values.tolist(), strict=True))
+    spread = np.sqrt(np.diag(covariance))
+    findings = _kinematic_findings(values, spread, conditional, chair.drive, laser)
+    # What was not seen keeps the config's value; that has no delay of the scans.
+    named: dict[str, Any] = {
+        one.name: one.before if one.value is None else one.value for one in findings
+    }
     sigma = float(np.median([one.sigma for one in found]))
-    dropout = float(np.median([_no_echo(log) for _, log in logs]))
+    lost, beams = np.sum([_no_echo(log) for _, log in logs], axis=0).tolist()
+    dropout = lost / max(1, beams)
     drive = dataclasses.replace(
         chair.drive,
         counts_per_metre=chair.drive.counts_per_metre / named["scale"],
@@ -161,15 +168,15 @@ def fit(
         wheel_ratio=named["wheel_ratio"],
         track=named["track"],
     )
-    spread = np.sqrt(np.diag(covariance))
-    bias = float(spread[list(UNKNOWNS).index("offset")])
+    seen = {one.name for one in findings if one.value is not None}
+    bias = float(spread[OFFSET]) if "offset" in seen else laser.bias
     scanner = dataclasses.replace(
         laser, x=named["x"], y=named["y"], yaw=named["yaw"], offset=named["offset"], sigma=sigma,
         dropout=dropout, bias=bias,
     )  # fmt: skip
-    findings = _kinematic_findings(values, spread, conditional, chair.drive, laser)
-    findings.append(_simple("sigma", "m", sigma, 0.02 * sigma, laser.sigma))
-    findings.append(_simple("dropout", "", dropout, 1e-3, laser.dropout))
+    findings.append(_simple("sigma", "m", sigma, _SIGMA_DEVIATION * sigma, laser.sigma))
+    chance = math.sqrt(dropout * (1.0 - dropout) / max(1, beams))
+    findings.append(_simple("dropout", "", dropout, chance, laser.dropout))
     motors, more, notes = _fit_motors(logs, values, chair, drive, mass, rng)
     odometry = dataclasses.replace(sensors.odometry, diameter_error=0.0, track_error=0.0)
     k = len(_JOINT)
@@ -191,7 +198,7 @@ def tuned_chair(found: Fit) -> ChairSettings:
     """The chair of a fit, with the feed-forward that its motors ask for.
 
     The board's feed-forward of the speed is then the motors' constant, that of the acceleration the
-    voltage by which both motors accelerate the chair.
+    voltage that both motors need for it.
     """
     motor, drive = found.chair.motor, found.chair.drive
     total = found.chair.body.mass + 2.0 * WHEEL_INERTIA / drive.wheel_radius**2
@@ -204,7 +211,7 @@ def settings_of(found: Fit) -> dict[str, Any]:
     """Plain content of the files of a fit, by their names: settings, ranges and findings.
 
     `chair.json` and `sensors.json` are the sections of these names; `ranges.json` is the setting
-    `chair.joint`, by which a simulation draws what is still uncertain.
+    `chair.joint`: a simulation draws from it what is still uncertain.
     """
     return {
         "chair.json": dump(found.chair),
@@ -229,15 +236,11 @@ def _kinematic_findings(
     findings = []
     for k, name in enumerate(UNKNOWNS):
         value, reach = float(values[k]), _SURE * float(spread[k])
-        if spread[k] <= MEASURED[name]:
-            status = "measured"
-        elif conditional[k] <= MEASURED[name]:
-            status = "combination only"
-        else:
-            findings.append(Finding(name, units[name], None, None, None, before[k], "not seen"))
-            continue
-        low, high = value - reach, value + reach
-        findings.append(Finding(name, units[name], value, low, high, before[k], status))
+        status = "measured" if spread[k] <= MEASURED[name] else "combination only"
+        one = Finding(name, units[name], value, value - reach, value + reach, before[k], status)
+        if min(spread[k], conditional[k]) > MEASURED[name]:
+            one = one._replace(value=None, low=None, high=None, status="not seen")
+        findings.append(one)
     return findings
 
 
@@ -248,6 +251,7 @@ def _fit_motors(
     """Body and motors, findings about them, and notes."""
     motor, radius, notes, parts = chair.motor, drive.wheel_radius, [], []
     limit = motor.resistance * motor.current_limit
+    weight = chair.body.mass if mass is None else mass
     for name, log in logs:
         try:
             path = wheel_path(log, values)
@@ -256,7 +260,6 @@ def _fit_motors(
             notes.append(f"{name}: motors not seen: {error}")
             continue
         parts.append((train.values[:3], train.covariance[:3, :3]))
-        weight = chair.body.mass if mass is None else mass
         share = 1.0 + 2.0 * WHEEL_INERTIA / (weight * radius**2)
         slope, deviation, direction = drive_train.slope_of(train, share)
         if slope > max(_MIN_SLOPE, _CERTAIN * deviation):
@@ -273,7 +276,6 @@ def _fit_motors(
         return (lambda body: body, motor), [*unseen, friction], tuple(notes)
     (push, damping, drag), covariance = _combined(parts)
     deviations = np.sqrt(np.diag(covariance))
-    weight = chair.body.mass if mass is None else mass
     total = weight + 2.0 * WHEEL_INERTIA / radius**2
     constant = 0.5 * damping / push * radius
     gain = push * total * motor.resistance * radius / constant

@@ -4,7 +4,7 @@ As in Censi, Franchi, Marchionni and Oriolo (2013), Simultaneous Calibration of 
 Parameters for Mobile Robots, IEEE Transactions on Robotics 29(2), the unknowns of the wheels and of
 the mount are found together from wheels and scans alone, without a map or a tape. They match scans
 in pairs; here all scans are matched to the same straight walls, whose places are unknowns, too: so
-a range offset shows as well, by which a wall looks bent.
+a range offset shows as well, since walls then look bent.
 
 The drive is cut into blocks, each with a free first pose. Blocks share nothing but the unknowns
 that are sought and the walls, so that drift between blocks does no harm, and so that intervals
@@ -44,6 +44,8 @@ UNKNOWNS: Final = {
     "offset": 0.1,  # m
     "delay": 0.3,  # s, of the scans' stamps behind those of the wheels
 }
+# Places of these in an array of values.
+WHEELS, MOUNT, OFFSET, DELAY = slice(0, 3), slice(3, 6), 6, 7
 # Deviations that drawing blocks again does not show, as of the walls' shape and of the reports'
 # times: of errors on simulated and on emulated chairs (tests.benchmarks.identification).
 _BEYOND: Final = np.array([3e-4, 1e-4, 1.5e-4, 3e-4, 3e-4, 3e-4, 1.5e-3, 5e-4])
@@ -57,7 +59,7 @@ SPACING = 0.3  # s between two scans that are used
 
 
 class Kinematics(NamedTuple):
-    """What was found, by the names of UNKNOWNS."""
+    """Values of UNKNOWNS, and how certain they are."""
 
     values: Array  # (8,)
     conditional: Array  # (8,) where all other unknowns were known
@@ -67,7 +69,7 @@ class Kinematics(NamedTuple):
 
 def wheel_path(log: DriveLog, values: Array) -> Array:
     """Poses (n, 3) [m, m, rad] at the reports of the wheels, from the origin."""
-    scale, ratio, track = values[:3]
+    scale, ratio, track = values[WHEELS]
     steps = np.diff(log.travel, axis=0) * scale
     left, right = steps[:, 0] * 2.0 / (1.0 + ratio), steps[:, 1] * 2.0 * ratio / (1.0 + ratio)
     distance, turn = 0.5 * (left + right), (right - left) / track
@@ -96,12 +98,12 @@ class _Problem:
     def motion(self, values: Array) -> Array:
         """Poses (n, 3) of the chair at the scans, from those at the first scans of their blocks."""
         path = wheel_path(self.log, values)
-        poses = poses_at(self.log, path, self.stamps - values[7])
+        poses = poses_at(self.log, path, self.stamps - values[DELAY])
         return relative_pose(poses[self.first][self.block], poses)
 
     def sensor(self, values: Array, starts: Array) -> Array:
         """Poses (n, 3) of the scanner; `starts` are those of the chair at each block's first."""
-        return compose(compose(starts[self.block], self.motion(values)), values[3:6])
+        return compose(compose(starts[self.block], self.motion(values)), values[MOUNT])
 
 
 def _linearise(
@@ -112,7 +114,7 @@ def _linearise(
     A range errs alike at all angles of incidence; the distance of its point from a wall does not.
     """
     sensor = problem.sensor(values, starts)
-    points = place_points(sensor, hits.scan, hits.angle, hits.range - values[6])
+    points = place_points(sensor, hits.scan, hits.angle, hits.range - values[OFFSET])
     angle, d = walls.lines[hits.wall].T
     c, s = np.cos(angle), np.sin(angle)
     off = c * points[:, 0] + s * points[:, 1] - d
@@ -120,7 +122,7 @@ def _linearise(
     of_pose = np.stack([c, s, s * arm[:, 0] - c * arm[:, 1]], axis=1)
     n, unknowns = len(off), len(values)
     slopes = np.zeros((n, unknowns + 2 * len(walls.lines)))
-    for k in (*range(6), 7):
+    for k in (*range(OFFSET), DELAY):
         moved = values.copy()
         moved[k] += _STEPS[k]
         change = problem.sensor(moved, starts) - sensor
@@ -128,7 +130,7 @@ def _linearise(
         change /= _STEPS[k]
         slopes[:, k] = (of_pose * change[hits.scan]).sum(axis=1)
     beam = sensor[hits.scan, 2] + hits.angle
-    slopes[:, 6] = -(c * np.cos(beam) + s * np.sin(beam))
+    slopes[:, OFFSET] = -(c * np.cos(beam) + s * np.sin(beam))
     rows = np.arange(n)
     slopes[rows, unknowns + 2 * hits.wall] = c * points[:, 1] - s * points[:, 0]
     slopes[rows, unknowns + 2 * hits.wall + 1] = -1.0
@@ -136,14 +138,20 @@ def _linearise(
     start = starts[problem.block[hits.scan]]
     lever = points - start[:, :2]
     of_start = np.stack([c, s, s * lever[:, 0] - c * lever[:, 1]], axis=1)
-    scale = 1.0 / np.maximum(np.abs(slopes[:, 6]), MIN_COSINE)
+    scale = 1.0 / np.maximum(np.abs(slopes[:, OFFSET]), MIN_COSINE)
     return off * scale, slopes * scale[:, None], of_start * scale[:, None]
 
 
 def _reduced(
-    problem: _Problem, off: Array, slopes: Array, of_start: Array, weights: Array, hits: Hits
-) -> tuple[Array, Array, list[tuple[Array, Array]]]:
-    """Normal equations (blocks, m, m) and (blocks, m) without the starts, and what solves these."""
+    problem: _Problem, values: Array, starts: Array, walls: Walls, hits: Hits
+) -> tuple[float, Array, Array, list[tuple[Array, Array]]]:
+    """Deviation of a range [m], and robust normal equations (blocks, m, m) and (blocks, m).
+
+    These are without the starts; the last part solves for them.
+    """
+    off, slopes, of_start = _linearise(problem, values, starts, walls, hits)
+    sigma = max(1e-4, 1.4826 * float(np.median(np.abs(off))))
+    weights = np.minimum(1.0, _HUBER * sigma / np.maximum(np.abs(off), 1e-12)) / sigma**2
     blocks, m = len(problem.first), slopes.shape[1]
     matrices, vectors = np.zeros((blocks, m, m)), np.zeros((blocks, m))
     rests: list[tuple[Array, Array]] = []
@@ -157,7 +165,7 @@ def _reduced(
         matrices[b] = (w * j).T @ j - haj.T @ inner[:, :-1]
         vectors[b] = (w * j).T @ off[rows] - haj.T @ inner[:, -1]
         rests.append((inner[:, :-1], inner[:, -1]))
-    return matrices, vectors, rests
+    return sigma, matrices, vectors, rests
 
 
 def identify(
@@ -186,20 +194,17 @@ def identify(
     walls = find_walls(laser, problem.ranges, rough)
     if len(walls.lines) < 2:
         raise ValueError("the scans show fewer than two straight walls; drive in a room with walls")
-    inverse = relative_pose(values[3:6], np.zeros(3))
+    inverse = relative_pose(values[MOUNT], np.zeros(3))
     starts = compose(rough[problem.first], inverse)
-    sigma, hits = 0.03, None
+    hits = None
     for gate in _GATES:
         poses = rough if hits is None else problem.sensor(values, starts)
         if hits is not None:  # better poses show a wall once that rough ones showed twice
-            walls = find_walls(laser, problem.ranges - np.float32(values[6]), poses)
+            walls = find_walls(laser, problem.ranges - np.float32(values[OFFSET]), poses)
         walls = merge_walls(walls)
-        hits = find_hits(laser, problem.ranges, poses, walls, gate, values[6])
+        hits = find_hits(laser, problem.ranges, poses, walls, gate, values[OFFSET])
         for _ in range(2):
-            off, slopes, of_start = _linearise(problem, values, starts, walls, hits)
-            sigma = max(1e-4, 1.4826 * float(np.median(np.abs(off))))
-            robust = np.minimum(1.0, _HUBER * sigma / np.maximum(np.abs(off), 1e-12)) / sigma**2
-            matrices, vectors, rests = _reduced(problem, off, slopes, of_start, robust, hits)
+            _, matrices, vectors, rests = _reduced(problem, values, starts, walls, hits)
             step = _solve(matrices.sum(axis=0), vectors.sum(axis=0), values - prior, weight)
             values = values + step[: len(values)]
             lines = walls.lines + step[len(values) :].reshape(-1, 2)
@@ -209,9 +214,7 @@ def identify(
             if np.abs(step[: len(values)] / _STEPS).max() < 0.05:
                 break
     assert hits is not None
-    off, slopes, of_start = _linearise(problem, values, starts, walls, hits)
-    robust = np.minimum(1.0, _HUBER * sigma / np.maximum(np.abs(off), 1e-12)) / sigma**2
-    matrices, vectors, _ = _reduced(problem, off, slopes, of_start, robust, hits)
+    sigma, matrices, vectors, _ = _reduced(problem, values, starts, walls, hits)
     draws = np.empty((_DRAWS, len(values)))
     for k in range(_DRAWS):
         counts = np.bincount(rng.integers(0, len(matrices), len(matrices)), minlength=len(matrices))

@@ -68,10 +68,12 @@ def _of_recording(file: str | Path, recorded: RecordedEpisode) -> Drive:
     leaps = np.abs(np.diff(wheels["counts"], axis=0)).max(initial=0) / drive.counts_per_metre
     if leaps > _LEAP:
         raise InputError(f"{file}: the wheels' counts leap by {leaps:.1f} m; cut the log there")
+    if (n := len(recorded.wheels)) != (k := len(recorded.states)):
+        raise InputError(f"{file}: expected a message of /wheels with each reading; {n} with {k}")
     stamps = np.array([each["scans"][0] for each in recorded.wheels])
     ranges = np.stack([state.reading.laser[: laser.beams] for state in recorded.states])
     ranges = ranges + np.float32(laser.offset)
-    log = log_of_reports(wheels, stamps[: len(ranges)], ranges, drive)
+    log = log_of_reports(wheels, stamps, ranges, drive)
     return Drive(f"{file}, episode {recorded.number}", log, settings.chair, settings.sensors)
 
 

@@ -6,12 +6,13 @@ an interval along the line.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.base.arrays import Array, Floats
+from wheelchair_gym.geometry.planar import wrap
 from wheelchair_gym.sensors.settings import LaserSettings
 
 _GROUP = 8  # beams whose ranges are averaged before a scan is split into lines
@@ -89,6 +90,19 @@ def _split(points: Array, found: list[Array]) -> None:
     _split(points[farthest:], found)
 
 
+def _joined(
+    line: Any, span: Any, angle: float, ends: Array, across: float, gap: float
+) -> tuple[float, float] | None:
+    """Span of a wall with a line of that angle and those ends (2, 2) [m]; None if it is another."""
+    c, s = np.cos(line[0]), np.sin(line[0])
+    low, high = sorted((ends @ (-s, c)).tolist())
+    near = low < span[1] + gap and high > span[0] - gap
+    off = float(np.abs(ends @ (c, s) - line[1]).max())
+    if abs(wrap(angle - line[0])) < _MAX_TURN and off < across and near:
+        return min(low, span[0]), max(high, span[1])
+    return None
+
+
 def find_walls(laser: LaserSettings, ranges: Floats, poses: Array) -> Walls:
     """Walls that scans (n, beams) at poses (n, 3) of the scanner show."""
     lines: list[tuple[float, float, float, Array]] = []  # length, angle, d, ends (2, 2)
@@ -107,13 +121,8 @@ def find_walls(laser: LaserSettings, ranges: Floats, poses: Array) -> Walls:
     walls: list[list[float]] = []  # angle, d, from, to, lines
     for _, angle, d, ends in sorted(lines, key=lambda line: -line[0]):
         for wall in walls:
-            c, s = np.cos(wall[0]), np.sin(wall[0])
-            turned = abs((angle - wall[0] + np.pi) % (2.0 * np.pi) - np.pi)
-            off = float(np.abs(ends @ (c, s) - wall[1]).max())
-            low, high = sorted((ends @ (-s, c)).tolist())
-            near = low < wall[3] + _MAX_GAP and high > wall[2] - _MAX_GAP
-            if turned < _MAX_TURN and off < _MAX_DISTANCE and near:
-                wall[2:] = min(low, wall[2]), max(high, wall[3]), wall[4] + 1.0
+            if span := _joined(wall[:2], wall[2:4], angle, ends, _MAX_DISTANCE, _MAX_GAP):
+                wall[2:] = *span, wall[4] + 1.0
                 break
         else:
             low, high = sorted((ends @ (-np.sin(angle), np.cos(angle))).tolist())
@@ -132,13 +141,8 @@ def merge_walls(walls: Walls) -> Walls:
         along = np.array([-np.sin(angle), np.cos(angle)])
         ends = d * np.array([np.cos(angle), np.sin(angle)]) + spans[k][:, None] * along
         for other in kept:
-            turned = abs((angle - walls.lines[other, 0] + np.pi) % (2.0 * np.pi) - np.pi)
-            c, s = np.cos(walls.lines[other, 0]), np.sin(walls.lines[other, 0])
-            low, high = sorted((ends @ (-s, c)).tolist())
-            near = low < spans[other, 1] + _JOINT and high > spans[other, 0] - _JOINT
-            off = float(np.abs(ends @ (c, s) - walls.lines[other, 1]).max())
-            if turned < _MAX_TURN and off < _SAME and near:
-                spans[other] = min(low, spans[other, 0]), max(high, spans[other, 1])
+            if span := _joined(walls.lines[other], spans[other], angle, ends, _SAME, _JOINT):
+                spans[other] = span
                 break
         else:
             kept.append(int(k))

@@ -105,7 +105,7 @@ class Driven(SimulatedChair):
 
 
 def test_calibration_drives_fits_and_writes(tmp_path, monkeypatch, capsys):
-    """What it writes is what the chair is; without --write it says that the config is off."""
+    """It writes the chair's own values; without --write it says that the config is off."""
     config, saved = tmp_path / "chair.json", {}
     config.write_text("{}")
     words = ["hardware", "calibrate", "--config", str(config)]

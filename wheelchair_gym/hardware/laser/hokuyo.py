@@ -14,20 +14,7 @@ from typing import NamedTuple
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.hardware.boards.ports import Port, load_serial, open_port
 from wheelchair_gym.hardware.connection import Reconnecting
-from wheelchair_gym.hardware.laser.scip import (
-    DONE_ALREADY,
-    LASER_OFF,
-    OK,
-    STAMP_WRAP,
-    STREAMING,
-    Reply,
-    Scan,
-    ScipParser,
-    Specs,
-    decode_numbers,
-    scan_of,
-    specs_of,
-)
+from wheelchair_gym.hardware.laser import scip
 
 PORT = 10940  # of TCP
 ANSWER_WITHIN = 1.0  # s without an answer or a scan, after which the laser is reopened
@@ -110,7 +97,7 @@ def open_laser(url: str) -> Port:
 class TimedScan(NamedTuple):
     """A scan, and when it was received."""
 
-    scan: Scan
+    scan: scip.Scan
     stamp: float  # s of the sensor's clock, which does not wrap here
     received_at: float  # s of the host's clock
 
@@ -145,9 +132,9 @@ class Hokuyo(Reconnecting[Port]):
             load_serial()
         super().__init__(lambda: opener(url))
         self.url, self.reach = url, reach
-        self.specs: Specs | None = None
+        self.specs: scip.Specs | None = None
         self._clock = clock
-        self._parser = ScipParser()
+        self._parser = scip.ScipParser()
         self.scans = self.bad = self._bad_before = 0
         self._asked = ""  # the last request
         self._since = 0.0  # s, of the last request or scan
@@ -189,7 +176,7 @@ class Hokuyo(Reconnecting[Port]):
         self.lose(why if self.url in why else f"{self.url}: {why}")
 
     def _begin(self, port: Port) -> None:
-        self._bad_before, self._parser = self.bad, ScipParser()
+        self._bad_before, self._parser = self.bad, scip.ScipParser()
         self.error = "does not stream yet"
         port.write(b"\n")  # ends what may have been sent in part
         self._ask(port, "SCIP2.0")  # sensors that always use SCIP 2 refuse it
@@ -198,49 +185,49 @@ class Hokuyo(Reconnecting[Port]):
         self._asked, self._since = request, self._clock()
         port.write(request.encode("ascii") + b"\n")
 
-    def _handle(self, port: Port, reply: Reply, scans: list[TimedScan]) -> None:
+    def _handle(self, port: Port, reply: scip.Reply, scans: list[TimedScan]) -> None:
         if reply.echo != self._asked:
             return  # to an earlier request, or of a stream that has not stopped yet
-        if reply.status == STREAMING:
+        if reply.status == scip.STREAMING:
             self._take(reply, scans)
             return
         command = self._asked[:2]
         if command in ("SC", "QT"):  # old sensors may refuse either
             self._ask(port, "QT" if command == "SC" else "PP")
-        elif command == "PP" and reply.status == OK:
-            self.specs = specs_of(reply)
+        elif command == "PP" and reply.status == scip.OK:
+            self.specs = scip.specs_of(reply)
             self._ask(port, "TM0")
         elif command == "TM":  # sensors without it refuse it
             self._take_time(reply)
-            following = {"TM0": "TM1", "TM1": "TM2"} if reply.status == OK else {}
+            following = {"TM0": "TM1", "TM1": "TM2"} if reply.status == scip.OK else {}
             self._ask(port, following.get(self._asked, "BM"))
-        elif command == "BM" and reply.status in (OK, DONE_ALREADY):
+        elif command == "BM" and reply.status in (scip.OK, scip.DONE_ALREADY):
             assert self.specs is not None
             self._ask(port, f"MD{self.specs.first:04d}{self.specs.last:04d}01000")
-        elif command == "MD" and reply.status == OK:
+        elif command == "MD" and reply.status == scip.OK:
             self._since = self._clock()
-        elif command == "MD" and reply.status == LASER_OFF:
+        elif command == "MD" and reply.status == scip.LASER_OFF:
             self._ask(port, "BM")
         else:
             self._lose(f"{self._asked} was refused with status {reply.status}")
 
-    def _take_time(self, reply: Reply) -> None:
+    def _take_time(self, reply: scip.Reply) -> None:
         """Take the answer to TM1, the sensor's time."""
-        stamp = decode_numbers(reply.lines[0], 4) if reply.lines else None
-        if self._asked == "TM1" and reply.status == OK and stamp is not None and len(stamp):
+        stamp = scip.decode_numbers(reply.lines[0], 4) if reply.lines else None
+        if self._asked == "TM1" and reply.status == scip.OK and stamp is not None and len(stamp):
             self._compared_at = self._clock()
             self.compared = self._since, self._seconds(int(stamp[0]))
 
     def _seconds(self, stamp: int) -> float:
         """The sensor's time [s], which does not wrap, of a stamp [ms]."""
-        if stamp < self._last - STAMP_WRAP // 2:
+        if stamp < self._last - scip.STAMP_WRAP // 2:
             self._turns += 1
         self._last = stamp
-        return (self._turns * STAMP_WRAP + stamp) * 1e-3
+        return (self._turns * scip.STAMP_WRAP + stamp) * 1e-3
 
-    def _take(self, reply: Reply, scans: list[TimedScan]) -> None:
+    def _take(self, reply: scip.Reply, scans: list[TimedScan]) -> None:
         assert self.specs is not None
-        scan = scan_of(reply, min(self.reach, self.specs.farthest * 1e-3))
+        scan = scip.scan_of(reply, min(self.reach, self.specs.farthest * 1e-3))
         if scan is None:
             self._parser.bad += 1
             return
