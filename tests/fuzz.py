@@ -424,10 +424,10 @@ def _comparison(folder: Path) -> Path:
 def _entry(folder: Path) -> Path:
     from agents.benchmarks import tracks
 
-    one = {"success": False, "contact": 0, "at_fault": 0, "clearance_min": 0.1, "plan_ms": 1.0}
-    episodes = [one | {"act_ms_p50": 1.0}]
-    result = {"benchmark": tracks.VERSION, "track": "people", "episodes": episodes}
-    result |= tracks.summary(episodes)
+    one = {"scene": "crowd", "seed": 0, "success": False, "contact": 0, "at_fault": 0}
+    episodes = [one | {"clearance_min": 0.1, "plan_ms": 1.0, "act_ms_p50": 1.0}]
+    result = dict.fromkeys(tracks.NEEDED - {"digest"}, "") | {"benchmark": tracks.VERSION}
+    result |= {"episodes": episodes} | tracks.summary(episodes)
     return _written(folder / "people.json", result | {"digest": tracks._digest(result)})
 
 

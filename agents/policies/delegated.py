@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import json
 import multiprocessing
+import pickle
 import traceback
+import weakref
+from collections import defaultdict
 from contextlib import suppress
 from functools import lru_cache
 from multiprocessing.connection import Connection
@@ -78,15 +82,27 @@ class IsolatedDriver:
     """Sends missions and readings to a policy's process, and returns its commands.
 
     The key of a mission is another number than the environment's. Policies of equal settings share
-    a process, which makes a fresh one for each episode and drives one episode at a time.
+    a process, which makes a fresh one for each episode. A copy is made there, too.
 
     Raises:
-        RuntimeError: the policy failed, its process ended, it took longer than `LONGEST`, or
-            another episode has begun in its process.
+        RuntimeError: the policy failed, its process ended, or it took longer than `LONGEST`.
     """
 
     def __init__(self, spec: Any) -> None:
         self._spec = json.dumps(spec, sort_keys=True)
+        self._begin()
+
+    def _begin(self) -> None:
+        self._name = next(_NAMES)
+        weakref.finalize(self, _GONE[self._spec].append, self._name)
+
+    def __getstate__(self) -> tuple[str, bytes]:
+        return self._spec, self._ask("copy", None)
+
+    def __setstate__(self, state: tuple[str, bytes]) -> None:
+        self._spec, policy = state
+        self._begin()
+        self._ask("paste", policy)
 
     def reset(self, mission: Mission) -> None:
         """See `Policy.reset`."""
@@ -100,8 +116,9 @@ class IsolatedDriver:
 
     def _ask(self, call: str, value: Any) -> Any:
         process, pipe = _process_of(self._spec)
+        gone = _GONE[self._spec]
         try:
-            pipe.send((call, id(self), value))
+            pipe.send((call, self._name, value, [gone.pop() for _ in range(len(gone))]))
             if not pipe.poll(LONGEST):
                 raise TimeoutError(f"took longer than {LONGEST:g} s")
             answer, failure = pipe.recv()
@@ -115,7 +132,11 @@ class IsolatedDriver:
         return answer
 
 
-@lru_cache(1)
+_NAMES: Final = itertools.count()  # of drivers
+_GONE: Final[dict[str, list[int]]] = defaultdict(list)  # whose policies a process may forget
+
+
+@lru_cache(4)
 def _process_of(spec: str) -> tuple[Any, Connection]:
     """Start a policy's process, which ends with its pipe or with this process, and the pipe."""
     start = multiprocessing.get_context("spawn")
@@ -128,17 +149,22 @@ def _process_of(spec: str) -> tuple[Any, Connection]:
 
 def _serve(spec: Any, pipe: Connection) -> None:
     """Answer the calls of `IsolatedDriver` until nobody holds the other end."""
-    owner = 0  # whose episode it is
+    policies: dict[int, Any] = {}  # of drivers
     with suppress(EOFError, OSError):
         while True:
-            call, asking, value = pipe.recv()
+            call, driver, value, gone = pipe.recv()
             answer, failure = None, ""
+            for one in gone:
+                policies.pop(one, None)
             try:
-                if call == "reset":
-                    policy, owner = make_policy(spec), asking
-                if asking != owner:
-                    raise InputError("another episode has begun in this process")
-                answer = getattr(policy, call)(value)
+                if call == "paste":
+                    policies[driver] = pickle.loads(value)
+                elif call == "copy":
+                    answer = pickle.dumps(policies.get(driver))
+                else:
+                    if call == "reset":
+                        policies[driver] = make_policy(spec)
+                    answer = getattr(policies[driver], call)(value)
             except Exception as error:
                 failure = str(error) if isinstance(error, InputError) else traceback.format_exc()
             pipe.send((answer, failure))

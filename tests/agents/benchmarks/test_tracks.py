@@ -144,19 +144,6 @@ def test_episodes_that_do_not_add_up_are_refused(change, tmp_path):
         tracks.read_result(path)
 
 
-def test_two_episodes_in_one_process_are_not_mixed_up():
-    spec = {"name": "isolated", "policy": "straight"}
-    env = make_env("empty", {"beams": 16}, None)
-    env.reset(seed=0)
-    mission, one, other = env.unwrapped.mission, make_policy(spec), make_policy(spec)
-    one.reset(mission)
-    one.act(mission.reading)
-    other.reset(mission)
-    with pytest.raises(RuntimeError, match="another episode has begun"):
-        one.act(mission.reading)
-    env.close()
-
-
 def test_other_worlds_are_refused(tmp_path):
     tracks.TRACKS["tiny"]["digests"]["test"] = "0" * 64
     with pytest.raises(ValueError, match="draws other worlds than version 1"):
