@@ -59,6 +59,10 @@ def compare(given: argparse.Namespace) -> int:
         ]
     env |= {"shield": shield_of(given), "split": "train" if given.training_seeds else "test"}
     env["model"] = given.model
+    if given.chair is not None:
+        env["chair"] = {"name": given.chair, "plant": given.plant}
+    elif given.plant is not None:
+        raise InputError("--plant needs --chair twin")
     policies: Sequence[Spec] = tuple(map(labelled, given.policies or ())) or suite.policies
     if given.trained_in is not None:
         policies = trained_in(policies, given.trained_in)

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from agents.cli import arguments
+from agents.cli.fit import replay_simulated
 from agents.deploy import Deployment, EventLog, check_start, late_steps, rearm, rehearse, to_stderr
 from agents.deploy import deploy as deploy_policy
 from agents.evaluation.evaluate import drive_episode, env_settings, label, make_env
@@ -349,6 +350,8 @@ def _episode(given: argparse.Namespace, footprint: Any) -> Episode:
 
 def replay(given: argparse.Namespace) -> int:
     """Judge and draw recorded episodes again, or compare another policy with them; report."""
+    if given.simulate:
+        return replay_simulated(given)
     chapters = read_recording(given.file)
     chosen = range(len(chapters)) if given.episode is None else [given.episode]
     if given.episode is not None and given.episode >= len(chapters):

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from agents.cli.arguments import report
-from agents.cli.fit import judged, line_of
+from agents.cli.fit import findings_table, judged
 from agents.deploy import end_as_by_ctrl_c, listen_for_rearm
 from agents.deploy import to_stderr as _log
 from agents.evaluation.provenance import write_json
@@ -31,8 +31,10 @@ from wheelchair_gym.hardware.boards.senses import POLL_PERIOD, BoardSensors
 from wheelchair_gym.hardware.chair import HardwareChair
 from wheelchair_gym.hardware.control_loop import WallClock
 from wheelchair_gym.hardware.tools.diagnostics import Diagnostics, Orientation, status_rows
-from wheelchair_gym.identification.excite import DURATION, excite, free_floor_shield
+from wheelchair_gym.identification.excite import DURATION, excite, free_floor_env
 from wheelchair_gym.identification.fit import fit, settings_of, tuned_chair
+from wheelchair_gym.identification.logs import DriveLog
+from wheelchair_gym.recording.record import RecordEpisodes
 
 _TABLE_PERIOD = 0.5  # s between two tables
 
@@ -119,22 +121,32 @@ def _save(
 
 
 @_chair_errors()
-def calibrate(given: argparse.Namespace) -> int:
-    """Drive for two minutes and fit the settings; 0 when the config agrees, or they are written."""
-    settings = env_settings(given.config)
-    laser, drive = settings.sensors.laser, settings.chair.drive
-    with closing(_chair(settings)) as chair:
-        parts = settings.shield, settings.chair, settings.sensors
-        shield = free_floor_shield(*parts, chair.period)
+def excite_chair(given: argparse.Namespace) -> int:
+    """Drive for two minutes, and record it."""
+    _excite(given, env_settings(given.config))
+    return 0
+
+
+def _excite(given: argparse.Namespace, settings: Any) -> DriveLog:
+    """Drive the chair by a program, record it where that is wanted, and return the log."""
+    env: Any = free_floor_env(settings, _chair(settings))
+    if given.record is not None:
+        env = RecordEpisodes(env, given.record)
+    with closing(env):
         _log(
             f"the chair drives squares, circles and turns for {DURATION:.0f} s, at up "
             "to 0.7 m/s: keep 4 m x 4 m free, and a hand at the emergency stop"
         )
-        first = chair.reset()
-        shield.reset()
-        log = excite(chair, shield, drive, laser, chair.period, first)
+        return excite(env)
+
+
+@_chair_errors()
+def calibrate(given: argparse.Namespace) -> int:
+    """Drive for two minutes and fit the settings; 0 when the config agrees, or they are written."""
+    settings = env_settings(given.config)
+    log = _excite(given, settings)
     found = fit([(given.config, log)], settings.chair, settings.sensors, given.mass)
-    lines = [f"{judged(one):4} {line_of(one)}" for one in found.findings] + list(found.notes)
+    lines = [findings_table(found.findings, check=True).text(), *found.notes]
     good = all(judged(one) != "OFF" for one in found.findings)
     if given.write:
         tuned = tuned_chair(found)

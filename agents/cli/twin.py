@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from agents.cli.arguments import chair_spec, env_of, report, scene_of, spec, watch
+from agents.cli.arguments import chair_spec, env_of, report, scene_of, watch
 from agents.deploy import to_stderr as _log
+from agents.evaluation.evaluate import without_labels
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.envs.settings import env_settings
@@ -28,8 +29,7 @@ _FRAME_PERIOD = 0.1  # s of the window
 
 def run(given: argparse.Namespace) -> int:
     """Serve the twin; print the true pose and the duration of contacts [ms] at the end."""
-    scene = None if given.scene is None else spec(given.scene)
-    settings = env_settings(given.config, scene=scene)
+    settings = env_settings(given.config, scene=without_labels(scene_of(given, None)))
     if given.port > (highest := 65536 - len(settings.sensors.lasers)):
         raise InputError(f"--port {given.port}: expected at most {highest}")
     exact = dataclasses.replace(settings.sensors, pose_source="truth")

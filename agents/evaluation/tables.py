@@ -46,10 +46,11 @@ class Column(NamedTuple):
         return f"{value * self.factor:{form}}" if exists(value) else "-"  # type: ignore[operator]
 
     def bounds(self, row: Row) -> str:
-        """The interval as 'low-high'; empty where there is none."""
+        """The interval as 'low-high', or 'low to high' with a sign; empty where there is none."""
         if not self.interval or row.get(self.key) is None:
             return ""
-        return f"{self.text(row[f'{self.key}_low'])}-{self.text(row[f'{self.key}_high'])}"
+        low, high = (self.text(row[f"{self.key}_{end}"]) for end in ("low", "high"))
+        return f"{low}{' to ' if '-' in low + high else '-'}{high}"
 
     def cell(self, row: Row) -> Cell:
         """The cell of a row; a dash where the row has no such figure."""

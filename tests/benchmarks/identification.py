@@ -17,13 +17,15 @@ import numpy as np
 from scipy.stats import qmc
 
 from tests.identification import drives
+from wheelchair_gym.envs import EnvSettings
 from wheelchair_gym.hardware.settings import HardwareSettings
 from wheelchair_gym.hardware.twin.inprocess import TwinChair
 from wheelchair_gym.hardware.twin.lockstep import Twin
 from wheelchair_gym.hardware.twin.plant import Plant
-from wheelchair_gym.identification.excite import excite, free_floor_shield
+from wheelchair_gym.identification.excite import excite, free_floor_env
 from wheelchair_gym.identification.fit import Fit, fit
-from wheelchair_gym.identification.logs import DriveLog
+from wheelchair_gym.identification.logs import Drive, DriveLog
+from wheelchair_gym.identification.predict import predict
 from wheelchair_gym.sim.randomization import RANDOMIZED, Randomization
 from wheelchair_gym.sim.settings import BatterySettings, ChairSettings
 from wheelchair_gym.sim.settings import PhysicsSettings as Physics
@@ -89,10 +91,8 @@ def drive_boards(hidden: dict[str, float]) -> DriveLog:
     hosted.clock.call_every(lambda: host.waiting_for and host.rearm(), 0.05, "person")
     host.on_wait = lambda line: None
     try:
-        first = host.reset()
-        shield = free_floor_shield(None, drives.CHAIR, drives.SENSORS, 0.1)
-        laser = drives.SENSORS.laser
-        return excite(host, shield, drives.CHAIR.drive, laser, 0.1, first)
+        config = EnvSettings(rate=10.0, chair=drives.CHAIR, sensors=drives.SENSORS)
+        return excite(free_floor_env(config, host))
     finally:
         hosted.close()
         twin.close()
@@ -118,7 +118,7 @@ def main(words: list[str]) -> None:
     """Print the scores."""
     boards = "--boards" in words
     numbers = [int(word) for word in words if word.isdigit()] or [0, CHAIRS - 1]
-    scores = []
+    scores, held = [], []
     for number in range(numbers[0], numbers[-1] + 1):
         hidden = hidden_chair(number)
         begun = time.process_time()
@@ -126,6 +126,7 @@ def main(words: list[str]) -> None:
         driven = time.process_time()
         found = fit([("drive", log)], drives.CHAIR, drives.SENSORS)
         scores.append(score(found, hidden))
+        held.append([] if boards else held_out(found, hidden))
         missed = [name for name, (_, good, _) in scores[-1].items() if not good]
         print(
             f"{number:2}  missed: {', '.join(missed) or 'none'}  notes: {len(found.notes)}  "
@@ -139,6 +140,35 @@ def main(words: list[str]) -> None:
         print(
             f"{name:12} {np.median(errors):10.5f} {errors.max():10.5f} {good:8.0%} {covered:8.0%}"
         )
+    if not boards:
+        print("held out, 95th percentile of the position after 5 s [mm]: median, worst")
+        fitted, true, before = 1e3 * np.transpose(held)
+        for name, values in (("fitted", fitted), ("true", true), ("before", before)):
+            print(f"{name:14} {np.median(values):8.1f} {values.max():8.1f}")
+        print(f"fitted / true  {np.median(fitted / true):8.2f} {(fitted / true).max():8.2f}")
+
+
+def held_out(found: Fit, hidden: dict[str, float]) -> list[float]:
+    """Errors of the position [m] after 5 s in another drive: fitted, true, believed settings."""
+    true, believed = drives.truth(hidden), drives.CHAIR
+    level = hidden | {"slope": 0.0}
+    log = drives.drive(level, drives.room((0.6, -0.7, 1.57)), 7).log
+    chair = dataclasses.replace(
+        believed,
+        drive=dataclasses.replace(
+            believed.drive,
+            counts_per_metre=believed.drive.counts_per_metre / true["scale"],
+            wheel_radius=believed.drive.wheel_radius * true["scale"],
+            wheel_ratio=true["wheel_ratio"],
+            track=true["track"],
+        ),
+        body=dataclasses.replace(believed.body, mass=hidden["body.mass"]),
+        motor=dataclasses.replace(believed.motor, gain=hidden["motor.gain"]),
+        battery=BatterySettings(initial_charge=hidden["charge"]),
+    )
+    held = Drive("held out", log, believed, drives.SENSORS)
+    of = (found.chair, found.sensors), (chair, found.sensors), (believed, drives.SENSORS)
+    return [each[-1].position[1] for each in predict(held, of)]
 
 
 if __name__ == "__main__":

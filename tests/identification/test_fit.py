@@ -17,6 +17,8 @@ from tests.identification.drives import CHAIR, SENSORS, drive, room, truth
 from wheelchair_gym.base.errors import InputError
 from wheelchair_gym.base.settings import load
 from wheelchair_gym.identification.fit import MEASURED, fit, settings_of
+from wheelchair_gym.identification.logs import Drive
+from wheelchair_gym.identification.predict import HORIZONS, predict
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sim.randomization import JointRandomization
 from wheelchair_gym.sim.settings import ChairSettings
@@ -126,6 +128,52 @@ def test_wheels_that_count_in_other_units_give_the_same_chair(driven, found):
     assert told["scale"] == pytest.approx(plain["scale"] / 1.02, abs=2e-4)
     for name in ("wheel_ratio", "track", "x", "y", "yaw", "offset"):
         assert told[name] == pytest.approx(plain[name], abs=LIMITS[name]), name
+
+
+@pytest.fixture(scope="module")
+def held():
+    """Another drive of the chair, on a level floor, from another start."""
+    level = {name: value for name, value in HIDDEN.items() if name != "slope"}
+    log = drive(level, room((0.6, -0.7, 1.57)), 7).log
+    return Drive("held", log, CHAIR, SENSORS)
+
+
+def test_a_fitted_simulation_predicts_another_drive(held, found):
+    """Also where the clock of the log began long before."""
+    log = held.log
+    commands = log.commands + np.array([100.0, 0.0, 0.0])
+    later = log._replace(
+        stamps=log.stamps + 100.0, scan_stamps=log.scan_stamps + 100.0, commands=commands
+    )
+    of = (CHAIR, SENSORS), (found.chair, found.sensors)
+    before, fitted = predict(held, of)
+    assert [one.seconds for one in fitted] == list(HORIZONS)
+    assert fitted[-1].position[1] < 0.005
+    assert before[-1].position[1] > 10.0 * fitted[-1].position[1]
+    for key in ("heading", "scan", "volts"):
+        assert getattr(before[-1], key)[1] > 1.5 * getattr(fitted[-1], key)[1], key
+    again = predict(held._replace(log=later), of[1:])[0][-1]
+    assert again.position == pytest.approx(fitted[-1].position, abs=5e-4)
+    assert again.windows == pytest.approx(fitted[-1].windows, abs=1)
+
+
+def test_a_log_without_commands_is_not_simulated(held):
+    silent = held._replace(log=held.log._replace(commands=np.empty((0, 3))))
+    with pytest.raises(InputError, match="held: expected the commands of the drive"):
+        predict(silent, [(CHAIR, SENSORS)])
+
+
+def test_a_wall_at_a_measured_distance_shows_the_offset(held):
+    log, distance = held.log, 3.1 + 0.7 - truth(HIDDEN)["x"]
+    known = fit([("held", log)], CHAIR, SENSORS, wall=distance)
+    offset = next(one for one in known.findings if one.name == "offset")
+    assert offset.value == pytest.approx(0.025, abs=3e-3)
+    assert offset.high - offset.low < 6e-3
+    with pytest.raises(InputError, match=r"held: --wall 2: the wall ahead is 3\.1"):
+        fit([("held", log)], CHAIR, SENSORS, wall=2.0)
+    aside = log._replace(ranges=np.full_like(log.ranges, np.inf))
+    with pytest.raises(InputError, match="no wall is straight ahead"):
+        fit([("held", aside)], CHAIR, SENSORS, wall=2.0)
 
 
 SHORT = {

@@ -8,7 +8,7 @@ from urllib.parse import urlsplit
 
 from wheelchair_gym.base.registry import Registry
 from wheelchair_gym.base.settings import InputError, load
-from wheelchair_gym.hardware.settings import HardwareSettings
+from wheelchair_gym.hardware.settings import HardwareSettings, TwinSettings
 
 if TYPE_CHECKING:
     from wheelchair_gym.envs.settings import EnvSettings
@@ -19,6 +19,7 @@ CHAIRS: Final = Registry(
     {
         "hardware": "wheelchair_gym.hardware.settings:HardwareSettings",
         "ros": "wheelchair_gym.hardware.ros.settings:RosSettings",
+        "twin": "wheelchair_gym.hardware.settings:TwinSettings",
     },
 )
 
@@ -72,15 +73,21 @@ def make_chair(spec: str | Mapping[str, Any], settings: EnvSettings) -> Chair:
     """
     config = chair_settings(spec, settings.hardware)
     sensors, period = settings.sensors, 1.0 / settings.rate
+    source = sensors.pose_source
+    on_map = source in ("truth", "modelled")
+    if on_map and isinstance(config, HardwareSettings | TwinSettings):
+        name = "twin" if isinstance(config, TwinSettings) else "hardware"
+        raise InputError(
+            f"chair {name}: it has no pose source {source!r}; expected mcl, slam or odometry"
+        )
+    if isinstance(config, TwinSettings):
+        from wheelchair_gym.hardware.twin.inprocess import EpisodeTwin
+
+        return localized(EpisodeTwin(settings, config.plant), settings)
     if isinstance(config, HardwareSettings):
         from wheelchair_gym.hardware.chair import HardwareChair
         from wheelchair_gym.hardware.joystick import Joystick, load_evdev
 
-        source = sensors.pose_source
-        if source in ("truth", "modelled"):
-            raise InputError(
-                f"chair hardware: it has no pose source {source!r}; expected mcl, slam or odometry"
-            )
         if config.joystick.device:
             load_evdev()
         real = HardwareChair(config, sensors, settings.chair, period)
@@ -89,7 +96,6 @@ def make_chair(spec: str | Mapping[str, Any], settings: EnvSettings) -> Chair:
         return localized(real, settings)
     from wheelchair_gym.hardware.ros.chair import RosChair
 
-    on_map = sensors.pose_source in ("truth", "modelled")
     return RosChair(config, sensors, settings.chair, period, on_map)
 
 
@@ -99,7 +105,7 @@ def check_extras(spec: str | Mapping[str, Any]) -> None:
     Raises:
         InputError: the spec is wrong, or an extra is not installed.
     """
-    if isinstance(chair_settings(spec), HardwareSettings):
+    if isinstance(chair_settings(spec), HardwareSettings | TwinSettings):
         from wheelchair_gym.hardware.boards.ports import load_serial
 
         load_serial()

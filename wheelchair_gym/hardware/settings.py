@@ -70,6 +70,14 @@ class HardwareSettings:
     joystick: JoystickSettings = JoystickSettings()
 
 
+@settings
+class TwinSettings:
+    """The emulated boards of a simulated chair, in this process and in simulated time."""
+
+    plant: str | None = setting(default=None)
+    """File of the chair as it is, where it differs from what its computer believes."""
+
+
 def check_boards(sensors: SensorSettings) -> None:
     """Refuse sensors other than those that the boards serve.
 

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Final
+from typing import Any, Final
 
+import gymnasium as gym
 import numpy as np
-from numpy.typing import NDArray
 
-from wheelchair_gym.base.arrays import Floats
-from wheelchair_gym.geometry.kinematics import DriveGeometry
+from wheelchair_gym.envs import EnvSettings, NavigationEnv
 from wheelchair_gym.identification.logs import DriveLog, log_of_reports
+from wheelchair_gym.maps import FREE, OccupancyGrid
+from wheelchair_gym.perception.localized_chair import unwrapped
 from wheelchair_gym.perception.occupancy import read_scan
-from wheelchair_gym.safety import Shield, ShieldSettings
-from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
-from wheelchair_gym.sim.settings import ChairSettings
-from wheelchair_gym.types import Chair, Reading
+from wheelchair_gym.safety import ShieldSettings
+from wheelchair_gym.sensors.settings import LaserSettings
+from wheelchair_gym.types import Chair, Command, Episode, Reading
 
 _QUARTER, _FULL = 2.62, 7.9  # s of a quarter turn at 0.6 rad/s, of a full one at 0.8 rad/s
 
@@ -40,18 +40,24 @@ DURATION: Final = sum(seconds for _, _, seconds in PROGRAM)  # s
 ROOM: Final = {"ahead": (-1.0, 2.0), "left": (-1.9, 1.9)}
 
 
-def free_floor_shield(
-    settings: ShieldSettings | None, chair: ChairSettings, sensors: SensorSettings, period: float
-) -> Shield:
-    """The shield of a drive on floor that a person has cleared.
+def free_floor_env(settings: EnvSettings, chair: Chair) -> NavigationEnv:
+    """The environment of a drive on floor that a person has cleared, without map and goal.
 
-    It allows full speed where nothing was seen yet, as behind the chair; it stops before obstacles.
+    Its shield allows full speed where nothing was seen yet, as behind the chair; it stops before
+    obstacles.
     """
-    limits = chair.limits
-    free = dataclasses.replace(
-        settings or ShieldSettings(), unseen_speed=max(limits.forward, limits.turn)
+    limits = settings.chair.limits
+    shield = dataclasses.replace(
+        settings.shield or ShieldSettings(), unseen_speed=max(limits.forward, limits.turn)
     )
-    return Shield(free, chair, sensors, period=period)
+    config = EnvSettings(
+        rate=settings.rate,
+        chair=settings.chair,
+        sensors=dataclasses.replace(settings.sensors, pose_source="odometry"),
+        hardware=settings.hardware,
+        shield=shield,
+    )
+    return NavigationEnv("empty", config, chair=chair)
 
 
 def check_room(reading: Reading, laser: LaserSettings) -> None:
@@ -73,38 +79,37 @@ def check_room(reading: Reading, laser: LaserSettings) -> None:
         )
 
 
-def excite(
-    chair: Chair, shield: Shield, drive: DriveGeometry, laser: LaserSettings, period: float,
-    first: Reading,
-) -> DriveLog:  # fmt: skip
-    """Drive the program behind a shield, which may slow it, and return the log.
+def excite(env: gym.Env[Any, Any]) -> DriveLog:
+    """Drive the program, which the shield may slow, and return the log.
 
     Args:
-        chair: after its reset.
-        shield: likewise.
-        drive: the wheels, as the chair's settings have them.
-        laser: likewise.
-        period: of control [s].
-        first: the reading of the reset.
+        env: a `free_floor_env`, wrapped or not.
 
     Raises:
         ValueError: there is too little room, or the chair or the shield stopped the program.
     """
-    check_room(first, laser)
-    wheels: list[NDArray[np.void]] = [chair.wheels]
-    stamps: list[float] = [chair.scan_stamps[0]]
-    scans: list[Floats] = [first.laser[: laser.beams]]
-    reading, due = first, 0.0
+    inner: Any = env.unwrapped
+    chair, shield, laser = unwrapped(inner.chair), inner.shield, inner.settings.sensors.laser
+    floor = OccupancyGrid(np.full((200, 200), FREE, np.int8), 0.1, (-10.0, -10.0, 0.0))
+    far = np.array([9.0, 9.0, 0.0])
+    env.reset(options={"episode": Episode(floor, np.zeros(3), far, time_limit=2.0 * DURATION)})
+    reading: Reading = inner.task.reading
+    check_room(reading, laser)
+    wheels, stamps, scans = [chair.wheels], [chair.scan_stamps[0]], [reading.laser]
+    due = 0.0
     for v, w, seconds in PROGRAM:
         due += seconds
-        while reading.stamp < due - 0.5 * period:
-            given = shield.filter(np.array([v, w]), reading)
-            if reading.halted or shield.decision.protective:
-                why = reading.halted or shield.decision.reason
-                raise ValueError(f"after {reading.stamp:.0f} s the drive was stopped: {why}")
-            reading = chair.drive(given, shield.decision.protective)
+        action = Command(np.array([v, w])).as_action(inner.task.limits)
+        while reading.stamp < due - 0.5 / inner.settings.rate:
+            _, _, terminated, _, _ = env.step(action)
+            reading, decision = inner.task.reading, shield.decision
+            why = reading.halted or (decision.protective and decision.reason)
+            if why or terminated:
+                after = f"after {reading.stamp:.0f} s"
+                raise ValueError(f"{after} the drive was stopped: {why or 'a bumper was pressed'}")
             wheels.append(chair.wheels)
             stamps.append(chair.scan_stamps[0])
-            scans.append(reading.laser[: laser.beams])
-    ranges = np.stack(scans) + np.float32(laser.offset)
+            scans.append(reading.laser)
+    ranges = np.stack(scans)[:, : laser.beams] + np.float32(laser.offset)
+    drive = inner.settings.chair.drive
     return log_of_reports(np.concatenate(wheels), np.array(stamps), ranges, drive)

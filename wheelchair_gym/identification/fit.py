@@ -20,8 +20,15 @@ from wheelchair_gym.base.settings import dump
 from wheelchair_gym.geometry.kinematics import DriveGeometry
 from wheelchair_gym.geometry.planar import compose, relative_pose
 from wheelchair_gym.identification import drive_train, kinematics
-from wheelchair_gym.identification.kinematics import OFFSET, UNKNOWNS, poses_at, wheel_path
+from wheelchair_gym.identification.kinematics import (
+    OFFSET,
+    UNKNOWNS,
+    Kinematics,
+    poses_at,
+    wheel_path,
+)
 from wheelchair_gym.identification.logs import DriveLog
+from wheelchair_gym.identification.walls import offset_by_tape
 from wheelchair_gym.perception.slam import Slam, SlamSettings
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 from wheelchair_gym.sim.randomization import JointRandomization
@@ -32,6 +39,7 @@ NEEDED: Final = {
     "turn to the left": ("rad", 3.0), "turn to the right": ("rad", 3.0), "drive": ("m", 3.0),
 }  # fmt: skip
 _MIN_SCANS = 100
+_STANDS = 2e-3  # m that wheels move at most while a chair stands
 _PARTICLES = 2  # of SLAM: poses need only be rough
 _SURE = 1.96  # deviations of a 95 % interval
 _SIGMA_DEVIATION = 0.05  # relative: of errors on simulated chairs (tests.benchmarks.identification)
@@ -74,6 +82,7 @@ class Fit(NamedTuple):
     joint: JointRandomization  # of what is still uncertain
     findings: tuple[Finding, ...]
     notes: tuple[str, ...]  # structure that the model does not explain
+    weakest: str  # the combination of kinematic unknowns that is the least certain
 
 
 def missing(log: DriveLog, drive: DriveGeometry) -> str:
@@ -106,6 +115,33 @@ def rough_poses(log: DriveLog, drive: DriveGeometry, laser: LaserSettings) -> Ar
     return compose(slam.trajectory, np.array([laser.x, laser.y, laser.yaw]))
 
 
+def find_kinematics(
+    name: str, log: DriveLog, drive: DriveGeometry, laser: LaserSettings,
+    rng: np.random.Generator, offset: float | None = None,
+) -> Kinematics:  # fmt: skip
+    """Wheels and scanner of a log, which has this name; see `kinematics.identify`.
+
+    Raises:
+        InputError: the log lacks something, which is named.
+    """
+    if lacks := missing(log, drive):
+        raise InputError(f"{name} lacks {lacks}")
+    try:
+        return kinematics.identify(log, drive, laser, rough_poses(log, drive, laser), rng, offset)
+    except (ValueError, np.linalg.LinAlgError) as error:
+        raise InputError(f"{name}: {error}") from None
+
+
+def _tape_offset(name: str, log: DriveLog, laser: LaserSettings, distance: float) -> float:
+    """The offset [m] of a scanner by the distance of the wall ahead, while the chair stands."""
+    moved = np.abs(log.travel - log.travel[0]).max(axis=1) > _STANDS
+    until = log.stamps[moved][0] if moved.any() else np.inf
+    try:
+        return offset_by_tape(laser, log.ranges[log.scan_stamps < until], distance)
+    except ValueError as error:
+        raise InputError(f"{name}: --wall {distance:g}: {error}") from None
+
+
 def _combined(parts: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
     """Values and covariance of several estimates, each weighted by its own covariance."""
     weights = [np.linalg.inv(covariance) for _, covariance in parts]
@@ -124,7 +160,7 @@ def _no_echo(log: DriveLog) -> tuple[int, int]:
 
 def fit(
     logs: Sequence[tuple[str, DriveLog]], chair: ChairSettings, sensors: SensorSettings,
-    mass: float | None = None, seed: int = 0,
+    mass: float | None = None, seed: int = 0, wall: float | None = None,
 ) -> Fit:  # fmt: skip
     """Find the settings of a chair.
 
@@ -135,21 +171,15 @@ def fit(
         mass: weighed mass of chair and person [kg]; None: that of the config, of which only the
             ratio to the motors' gain is found.
         seed: of the bootstrap.
+        wall: measured distance [m] from the scanner to the wall ahead at the start of the first
+            log.
 
     Raises:
         InputError: a log lacks something, which is named.
     """
-    for name, log in logs:
-        if lacks := missing(log, chair.drive):
-            raise InputError(f"{name} lacks {lacks}")
     laser, rng = sensors.laser, np.random.default_rng(seed)
-    found = []
-    for name, log in logs:
-        try:
-            poses = rough_poses(log, chair.drive, laser)
-            found.append(kinematics.identify(log, chair.drive, laser, poses, rng))
-        except (ValueError, np.linalg.LinAlgError) as error:
-            raise InputError(f"{name}: {error}") from None
+    tape = None if wall is None else _tape_offset(*logs[0], laser, wall)
+    found = [find_kinematics(name, log, chair.drive, laser, rng, tape) for name, log in logs]
     values, covariance = _combined([(one.values, one.covariance) for one in found])
     conditional = np.min([one.conditional for one in found], axis=0)
     spread = np.sqrt(np.diag(covariance))
@@ -190,8 +220,18 @@ def fit(
     return Fit(
         dataclasses.replace(chair, drive=drive, body=motors[0](body), motor=motors[1]),
         dataclasses.replace(sensors, laser=scanner, odometry=odometry),
-        joint, tuple(findings + more), notes,
+        joint, tuple(findings + more), notes, _weakest(covariance),
     )  # fmt: skip
+
+
+def _weakest(covariance: Array) -> str:
+    """Name the combination of UNKNOWNS that is the least certain, in units of MEASURED."""
+    units = np.array(list(MEASURED.values()))
+    variances, directions = np.linalg.eigh(covariance / np.outer(units, units))
+    parts = zip(directions[:, -1], MEASURED, strict=True)
+    named = [f"{part:+.2f} {name}" for part, name in sorted(parts, key=lambda p: -abs(p[0]))]
+    share = math.sqrt(variances[-1])
+    return f"least certain: {', '.join(named[:3])}: {share:.2f} of what counts as measured"
 
 
 def tuned_chair(found: Fit) -> ChairSettings:

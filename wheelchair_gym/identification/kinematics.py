@@ -49,6 +49,7 @@ WHEELS, MOUNT, OFFSET, DELAY = slice(0, 3), slice(3, 6), 6, 7
 # Deviations that drawing blocks again does not show, as of the walls' shape and of the reports'
 # times: of errors on simulated and on emulated chairs (tests.benchmarks.identification).
 _BEYOND: Final = np.array([3e-4, 1e-4, 1.5e-4, 3e-4, 3e-4, 3e-4, 1.5e-3, 5e-4])
+_TAPE = 1e-3  # m: deviation of a distance by tape
 _STEPS: Final = np.array([1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 5e-3])  # of differences
 _BLOCK = 6.0  # s
 _GATES = (0.25, 0.20, 0.15, 0.12)  # m: of hits, by iteration
@@ -170,7 +171,7 @@ def _reduced(
 
 def identify(
     log: DriveLog, drive: DriveGeometry, laser: LaserSettings, sensor_poses: Array,
-    rng: np.random.Generator,
+    rng: np.random.Generator, offset: float | None = None,
 ) -> Kinematics:  # fmt: skip
     """Find wheels, track, mount, offset and delay.
 
@@ -180,6 +181,7 @@ def identify(
         laser: the scanner likewise.
         sensor_poses: (m, 3) rough poses of the scanner at all scans, by SLAM.
         rng: of the bootstrap.
+        offset: of the ranges [m], as a tape says (`walls.offset_by_tape`).
 
     Raises:
         ValueError: the scans show fewer than two walls.
@@ -189,7 +191,10 @@ def identify(
     values = np.array(
         [1.0, drive.wheel_ratio, drive.track, laser.x, laser.y, laser.yaw, laser.offset, 0.0]
     )
-    prior, weight = values.copy(), 1.0 / np.array(list(UNKNOWNS.values())) ** 2
+    deviations, beyond = np.array(list(UNKNOWNS.values())), _BEYOND.copy()
+    if offset is not None:
+        values[OFFSET], deviations[OFFSET], beyond[OFFSET] = offset, _TAPE, _TAPE
+    prior, weight = values.copy(), 1.0 / deviations**2
     rough = sensor_poses[scans]
     walls = find_walls(laser, problem.ranges, rough)
     if len(walls.lines) < 2:
@@ -222,7 +227,7 @@ def identify(
         draws[k] = _solve(*summed, values - prior, weight)[: len(values)]
     total = matrices.sum(axis=0)[: len(values), : len(values)]
     conditional = 1.0 / np.sqrt(np.diag(total) + weight)
-    covariance = np.cov(draws.T) + np.diag(_BEYOND**2)
+    covariance = np.cov(draws.T) + np.diag(beyond**2)
     return Kinematics(values, conditional, covariance, sigma)
 
 

@@ -27,7 +27,9 @@ class DriveLog(NamedTuple):
 
     stamps: Array  # (n,) s, of the reports about the wheels
     travel: Array  # (n, 2) m, of the left and right wheel since the first, by the config's counts
+    speeds: Array  # (n, 2) m/s of the wheels, as the board measures them; NaN where unknown
     volts: Array  # (n, 2) V at the motors: duty times battery; NaN where unknown
+    commands: Array  # (k, 3) s, m/s, rad/s: from when on the board had each command; () if unknown
     scan_stamps: Array  # (m,) s
     ranges: NDArray[np.float32]  # (m, beams) m, raw: the config's offset is not subtracted
 
@@ -43,8 +45,13 @@ def log_of_reports(
         [np.interp(rows["stamp"], rows["duty_stamp"], acting[:, k]) for k in range(2)], axis=1
     )
     travel = (rows["counts"] - rows["counts"][0]) / drive.counts_per_metre
+    twists = rows["command"]
+    new = np.append(True, np.any(twists[1:] != twists[:-1], axis=1))
+    commands = np.column_stack([rows["stamp"] - rows["age"], twists])[new]
     scans = np.unique(scan_stamps, return_index=True)[1]
-    return DriveLog(rows["stamp"], travel, volts, scan_stamps[scans], ranges[scans])
+    return DriveLog(
+        rows["stamp"], travel, rows["speeds"], volts, commands, scan_stamps[scans], ranges[scans]
+    )
 
 
 class Drive(NamedTuple):
@@ -84,7 +91,9 @@ def _of_odometry(log: logs.SensorLog, track: float) -> DriveLog:
     ways = np.stack([distance - 0.5 * track * turn, distance + 0.5 * track * turn], axis=1)
     travel = np.cumsum(ways, axis=0)
     unknown = np.full_like(travel, np.nan)
-    return DriveLog(log.stamps, travel - travel[0], unknown, log.stamps, log.ranges)
+    return DriveLog(
+        log.stamps, travel - travel[0], unknown, unknown, np.empty((0, 3)), log.stamps, log.ranges
+    )
 
 
 def read_drives(file: str | Path, chair: ChairSettings, sensors: SensorSettings) -> list[Drive]:

@@ -24,6 +24,8 @@ _SAME, _JOINT = 0.08, 0.3  # m across, and along: of two walls that are one
 _MIN_LINES = 4  # of a wall
 _MARGIN = 0.10  # m at the ends of a wall, where beams hit corners
 _EVERY = 10  # each so many beams is used
+_HEAD_ON = 0.3  # rad: greatest angle of incidence of beams on a wall that is ahead
+_LARGEST_OFFSET = 0.1  # m
 MIN_COSINE = 0.3  # of the angle of incidence: flatter beams are not used
 
 
@@ -71,6 +73,34 @@ def split_scan(laser: LaserSettings, ranges: Floats) -> list[Array]:
             _split(points[start:k], found)
             start = k
     return found
+
+
+def offset_by_tape(laser: LaserSettings, ranges: Floats, distance: float) -> float:
+    """Offset [m] of the ranges of a scanner that stands before a wall at a distance by tape [m].
+
+    Args:
+        laser: its mount: the wall is straight ahead of the chair.
+        ranges: (scans, beams) [m], raw.
+        distance: from the scanner's axis, at right angles to the wall.
+
+    Raises:
+        ValueError: no wall is there, or another distance is seen.
+    """
+    mean = np.ma.masked_invalid(ranges.astype(np.float64)).mean(axis=0).filled(np.inf)
+    lines = split_scan(laser, mean)
+    ends = [np.arctan2(line[[0, -1], 1], line[[0, -1], 0]) for line in lines]
+    beside = [max(0.0, first + laser.yaw, -laser.yaw - last) for first, last in ends]
+    if not lines or min(beside) > _HEAD_ON:
+        raise ValueError("no wall is straight ahead at the start")
+    k = int(np.argmin(beside))
+    along = lines[k][-1] - lines[k][0]
+    incidence = laser.angles - np.arctan2(-along[0], along[1])
+    near = (np.abs(incidence) < _HEAD_ON) & np.isfinite(mean)
+    near &= (laser.angles > ends[k][0]) & (laser.angles < ends[k][1])
+    offset = float(np.mean(mean[near] - distance / np.cos(incidence[near]))) if near.any() else 1.0
+    if abs(offset) > _LARGEST_OFFSET:
+        raise ValueError(f"the wall ahead is {offset + distance:.3f} m away by laser")
+    return offset
 
 
 def _split(points: Array, found: list[Array]) -> None:

@@ -185,6 +185,7 @@ class SimulatedChair(Chair):
         rows["set_point"] = state["v"], state["w"]
         if state["step"]:
             rows["command"] = self.chairs.pointers.array("drives", 0)[state["step"] - 1, :2]
+            rows["age"] = self.period
         rows["echo"] = -1
         return rows
 

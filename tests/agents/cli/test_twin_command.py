@@ -6,9 +6,14 @@ import signal
 import subprocess
 import sys
 
-from tests.conftest import ROOT, need_pty
+import numpy as np
+import pytest
+
+from agents.cli import main
+from tests.conftest import ROOT, need_pty, refusal
 from tests.hardware.conftest import build_twin
 from tests.hardware.served import hear_interrupts
+from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.hardware.boards.protocol import Switch
 from wheelchair_gym.hardware.twin.faults import COMMANDS, run_command
 from wheelchair_gym.hardware.twin.lockstep import Faults, JoystickState, Twin
@@ -67,12 +72,33 @@ def test_words_break_it_and_mend_it():
     twin.close()
 
 
+def test_policies_are_compared_on_a_twin_whose_plant_differs(tmp_path, capsys):
+    build_twin()
+    plant = tmp_path / "plant.json"
+    plant.write_text('{"sensors": {"laser": {"offset": 0.05}}}')
+    ranges = []
+    for file in (None, str(plant)):
+        chair = {"name": "twin", "plant": file}
+        env = NavigationEnv("empty", {"sensors": {"noise": False}}, chair=chair, pose_source="mcl")
+        env.reset(seed=0)
+        ranges.append(env.task.reading.laser)
+        env.close()
+    assert np.nanmedian(ranges[1] - ranges[0]) == pytest.approx(0.05, abs=2e-3)
+    words = ["compare", "--policies", "straight", "--scenes", "empty", "--episodes", "1"]
+    words += ["--no-video", "--quiet", "--jobs", "1", "--pose", "mcl", "--out", str(tmp_path)]
+    assert main([*words, "--chair", "twin", "--plant", str(plant)]) == 0
+    assert "straight" in capsys.readouterr().out
+    assert "--plant needs --chair twin" in refusal([*words, "--plant", str(plant)], capsys)
+    message = "chair twin: it has no pose source 'truth'"
+    assert message in refusal([*words[:-4], "--pose", "truth", "--chair", "twin"], capsys)
+
+
 def test_it_serves_until_it_is_told_to_end(tmp_path, request):
     build_twin()
     need_pty()
     picture = tmp_path / "end.png"
-    command = [sys.executable, "-m", "wheelchair_gym", "twin", "--scene", "clutter"]
-    command += ["--config", str(ROOT / "configs/hardware.json"), "--picture", str(picture)]
+    command = [sys.executable, "-m", "wheelchair_gym", "twin", "--start", "2,2,0.5"]
+    command += ["--map", "wheelchair_gym/maps/data/clinic.yaml", "--config", str(ROOT / "configs/hardware.json"), "--picture", str(picture)]
     told = tmp_path / "told.yaml"
     command += ["--write-map", str(told)]
     hear_interrupts()
@@ -84,6 +110,7 @@ def test_it_serves_until_it_is_told_to_end(tmp_path, request):
     lines = [program.stdout.readline() for _ in range(5)]
     places = dict(line.rsplit(maxsplit=1) for line in lines)
     assert list(places) == ["drive board", "range board", "laser", "start", "goal"]
+    assert places["start"] == "2.000,2.000,0.500"
     assert min(read_map(told).shape) > 50
     assert os.path.exists(places["drive board"])
     program.stdin.write("press stop\n")

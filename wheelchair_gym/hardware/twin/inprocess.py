@@ -19,7 +19,7 @@ from wheelchair_gym.hardware.settings import HardwareSettings
 from wheelchair_gym.hardware.twin.board import TARGETS, build_target
 from wheelchair_gym.hardware.twin.cable import SerialCable
 from wheelchair_gym.hardware.twin.lockstep import Twin
-from wheelchair_gym.hardware.twin.plant import TIME_STEP, Plant
+from wheelchair_gym.hardware.twin.plant import TIME_STEP, Plant, PlantSettings
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sim.settings import ChairSettings
 from wheelchair_gym.types import Belief, Chair, Episode, NotCopyable, Reading, Truth
@@ -132,17 +132,23 @@ class EpisodeTwin(NotCopyable, Chair):
 
     Args:
         settings: of the environment that drives it.
+        plant: file of the chair as it is, where it differs from these settings.
 
     Raises:
-        InputError: the extra 'hardware', a compiler or the emulator is missing.
+        InputError: the extra 'hardware', a compiler or the emulator is missing, or the file is
+            wrong.
     """
 
-    def __init__(self, settings: EnvSettings) -> None:
+    def __init__(self, settings: EnvSettings, plant: str | None = None) -> None:
         check_extras("hardware")
         for target in TARGETS:
             build_target(target)
-        self._twin = Twin(Plant(settings.chair, settings.sensors))
-        self._hosted = TwinChair(self._twin, 1.0 / settings.rate, settings.hardware)
+        real = PlantSettings(settings.chair, settings.sensors, settings.physics)
+        if plant is not None:
+            real = PlantSettings.read(plant, real)
+        self._twin = Twin(Plant(*real), believed=settings.chair)
+        believed = settings.chair, settings.sensors
+        self._hosted = TwinChair(self._twin, 1.0 / settings.rate, settings.hardware, believed)
         self._chair, self.real_time = self._hosted.chair, False
         self._chair.on_wait = lambda line: None
         self._hosted.clock.call_every(self._stand_by, _STANDS_BY, "person")
