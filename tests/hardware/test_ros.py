@@ -557,7 +557,7 @@ def test_what_does_not_answer_is_one_line(tmp_path, capsys):
         ("ros://", "expected ros://HOST:PORT"),
         ("ros://x:y", "expected ros://HOST:PORT"),
         ("ros://x:99999", "expected ros://HOST:PORT"),
-        ("tcp://x:1", "there are hardware, ros"),
+        ("tcp://x:1", "there are hardware, ros, twin"),
     ):
         quick = ["--policy", "a_star+pure_pursuit"]  # its rehearsal is short
         assert why in refusal(["simulate", "--chair", chair, "--goal", "1,1", *quick], capsys)
