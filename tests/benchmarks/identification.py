@@ -148,26 +148,32 @@ def main(words: list[str]) -> None:
         print(f"fitted / true  {np.median(fitted / true):8.2f} {(fitted / true).max():8.2f}")
 
 
-def held_out(found: Fit, hidden: dict[str, float]) -> list[float]:
-    """Errors of the position [m] after 5 s in another drive: fitted, true, believed settings."""
+def true_settings(hidden: dict[str, float]) -> ChairSettings:
+    """Settings of a hidden chair as it is."""
     true, believed = drives.truth(hidden), drives.CHAIR
-    level = hidden | {"slope": 0.0}
-    log = drives.drive(level, drives.room((0.6, -0.7, 1.57)), 7).log
-    chair = dataclasses.replace(
+    drive = dataclasses.replace(
+        believed.drive,
+        counts_per_metre=believed.drive.counts_per_metre / true["scale"],
+        wheel_radius=believed.drive.wheel_radius * true["scale"],
+        wheel_ratio=true["wheel_ratio"],
+        track=true["track"],
+    )
+    return dataclasses.replace(
         believed,
-        drive=dataclasses.replace(
-            believed.drive,
-            counts_per_metre=believed.drive.counts_per_metre / true["scale"],
-            wheel_radius=believed.drive.wheel_radius * true["scale"],
-            wheel_ratio=true["wheel_ratio"],
-            track=true["track"],
-        ),
+        drive=drive,
         body=dataclasses.replace(believed.body, mass=hidden["body.mass"]),
         motor=dataclasses.replace(believed.motor, gain=hidden["motor.gain"]),
         battery=BatterySettings(initial_charge=hidden["charge"]),
     )
+
+
+def held_out(found: Fit, hidden: dict[str, float]) -> list[float]:
+    """Errors of the position [m] after 5 s in another drive: fitted, true, believed settings."""
+    believed, true = drives.CHAIR, true_settings(hidden)
+    level = hidden | {"slope": 0.0}
+    log = drives.drive(level, drives.room((0.6, -0.7, 1.57)), 7).log
     held = Drive("held out", log, believed, drives.SENSORS)
-    of = (found.chair, found.sensors), (chair, found.sensors), (believed, drives.SENSORS)
+    of = (found.chair, found.sensors), (true, found.sensors), (believed, drives.SENSORS)
     return [each[-1].position[1] for each in predict(held, of)]
 
 

@@ -98,7 +98,14 @@ def test_it_serves_until_it_is_told_to_end(tmp_path, request):
     need_pty()
     picture = tmp_path / "end.png"
     command = [sys.executable, "-m", "wheelchair_gym", "twin", "--start", "2,2,0.5"]
-    command += ["--map", "wheelchair_gym/maps/data/clinic.yaml", "--config", str(ROOT / "configs/hardware.json"), "--picture", str(picture)]
+    command += [
+        "--map",
+        "wheelchair_gym/maps/data/clinic.yaml",
+        "--config",
+        str(ROOT / "configs/hardware.json"),
+        "--picture",
+        str(picture),
+    ]
     told = tmp_path / "told.yaml"
     command += ["--write-map", str(told)]
     hear_interrupts()
