@@ -26,6 +26,8 @@ from wheelchair_gym.safety import Shield, ShieldSettings
 from wheelchair_gym.scenes.arena import EmptyRoom
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 from wheelchair_gym.sim.chair import SimulatedChair
+from wheelchair_gym.sim.randomization import JointRandomization, Randomization
+from wheelchair_gym.sim.settings import ChairSettings
 
 
 @pytest.mark.parametrize("thing", THINGS)
@@ -185,6 +187,32 @@ def test_every_configured_error_of_the_laser_widens_the_margin(change):
     for _ in range(80):
         far = reading.laser + np.float32(2.0 * sensors.laser.bias)
         given = shield.filter(np.array([0.8, 0.0]), reading._replace(laser=far))
+        reading = chair.drive(given, shield.decision.protective)
+        assert chair.truth.approach_speed * chair.truth.at_fault <= HARM
+
+
+ROWS = {
+    "mount": [("laser.x_error", -0.05), ("laser.y_error", 0.05), ("laser.yaw_error", 0.05)],
+    "offset": [("laser.offset_error", 0.05)],
+    "noise": [("laser.sigma", 0.06)],
+}
+
+
+@pytest.mark.parametrize("name", [*ROWS, "joint"])
+def test_drawn_errors_of_the_laser_widen_the_margin(name):
+    """They stand in rows of the chair, or in the joint row of a fit, in which deviations count."""
+    if name == "joint":
+        drawn = JointRandomization(("laser.x_error",), (0.01,), ((0.004**2,),))
+        settings, least = ChairSettings(joint=drawn), 0.01 + 3.0 * 0.004
+    else:
+        rows = [Randomization(row, low=value, high=value) for row, value in ROWS[name]]
+        settings, least = ChairSettings(randomization=tuple(rows)), 0.014
+    chair, shield = SimulatedChair(settings), Shield(chair=settings)
+    wider = shield._constants.record["stop_margin"] - Shield()._constants.record["stop_margin"]
+    assert wider >= least
+    reading = chair.reset(box(3.0, (0.0, 0.0, 0.3)), 0)
+    for _ in range(80):
+        given = shield.filter(np.array([0.8, 0.0]), reading)
         reading = chair.drive(given, shield.decision.protective)
         assert chair.truth.approach_speed * chair.truth.at_fault <= HARM
 

@@ -23,6 +23,7 @@ from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.safety.stops import SHIELD_FAULTS
 from wheelchair_gym.sensors.laser import SCANNER, LaserArrays, scanner_pointers
 from wheelchair_gym.sensors.settings import RANGERS, SCANNERS, SensorSettings
+from wheelchair_gym.sim.randomization import RandomizedName
 from wheelchair_gym.sim.settings import ChairSettings
 
 # Why a twist was changed; those from LASER_SILENT on are faults and latch.
@@ -57,6 +58,7 @@ HITS = 48  # hits of single beams
 RATES: Final = (4.0, 100.0)  # Hz: of control
 _SPARE = 1.2  # the chair must exceed its limits by this factor to follow its set point
 _ROUND = 1e-6
+_ARM = 1.0  # m: from a scanner to the farthest points that the outline may touch
 REST_SPEED = 0.02  # m/s, rad/s: slower is at rest
 _AHEAD_V, _AHEAD_W = 0.03, 0.08  # m/s, rad/s: so much faster are wheels that outrun it,
 _AHEAD_READINGS = 3  # in this number of readings one after another
@@ -161,12 +163,25 @@ def check(chair: ChairSettings, period: float) -> None:
             )
 
 
-def range_error(sensors: SensorSettings) -> float:
-    """Error [m] that the configured lasers make: two standard deviations of the offset, and noise.
+def range_error(chair: ChairSettings, sensors: SensorSettings) -> float:
+    """Error [m] of a point near the outline, by the settings of the lasers and what is drawn.
 
-    Points are means of several beams, whose noise is about a third of that of one beam.
+    It is two standard deviations of the offset, noise, and the errors of offset and mount that
+    rows of `chair` draw, as those of a fit. Points are means of several beams, whose noise is about
+    a third of that of one beam.
     """
-    return max(2.0 * laser.bias + laser.sigma / 3.0 for laser in sensors.lasers)
+
+    def greatest(name: RandomizedName, configured: float = 0.0) -> float:
+        return max(map(abs, chair.bounds(name, configured, configured)))
+
+    mount = math.hypot(greatest("laser.x_error"), greatest("laser.y_error"))
+    mount += _ARM * greatest("laser.yaw_error")
+    offset = greatest("laser.offset_error")
+    return mount + max(
+        max(2.0 * greatest("laser.bias", laser.bias), offset)
+        + greatest("laser.sigma", laser.sigma) / 3.0
+        for laser in sensors.lasers
+    )
 
 
 class Frame(NamedTuple):
@@ -209,7 +224,7 @@ class ShieldConstants(Pointers):
         copy_numbers(g, config)
         g["tracks"] = config.tracks
         g["reaction_time"] += chair.following_lag + chair.longest_delay
-        g["stop_margin"] += range_error(sensors)
+        g["stop_margin"] += range_error(chair, sensors)
         for name in ("laser", "ultrasonic", "odometry"):
             g[f"stale_{name}"] = getattr(config.stale, name)
         self.point("cosine", laser.cosine)
