@@ -31,14 +31,9 @@ class FakePort:
     def __init__(self):
         self.given, self.taken, self.plugged, self.full = b"", b"", True, False
 
-    @property
-    def in_waiting(self):
+    def read_all(self):
         self._check()
-        return len(self.given)
-
-    def read(self, size):
-        self._check()
-        data, self.given = self.given[:size], self.given[size:]
+        data, self.given = self.given, b""
         return data
 
     def write(self, data):

@@ -10,7 +10,6 @@ from wheelchair_gym.hardware.boards.ports import Port, explain, load_serial, ope
 from wheelchair_gym.hardware.boards.protocol import VERSION, Frame, Message, Receiver, encode
 from wheelchair_gym.hardware.connection import Reconnecting
 
-_CHUNK = 4096  # bytes read at once
 _UNREADABLE = 20  # frames refused, and none understood: noise does not do that
 
 
@@ -108,8 +107,8 @@ class Link(Reconnecting[Port]):
         port = self.get(self._clock())
         frames: list[Frame] = []
         try:
-            while port is not None and (waiting := port.in_waiting):
-                frames += self._receiver.feed(port.read(min(waiting, _CHUNK)))
+            while port is not None and (data := port.read_all()):
+                frames += self._receiver.feed(data)
         except OSError as error:
             self.lose(explain(self.url, error))
         self.statistics.bad = self._bad_before + self._receiver.bad

@@ -18,19 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.base.settings import InputError
+from wheelchair_gym.hardware.boards import protocol
 from wheelchair_gym.hardware.boards.parameters import NAMES
-from wheelchair_gym.hardware.boards.protocol import (
-    Answer,
-    Identify,
-    Identity,
-    Message,
-    Parameter,
-    Receiver,
-    Save,
-    Set,
-    Status,
-    encode,
-)
 from wheelchair_gym.types import NotCopyable
 
 FIRMWARE = Path(__file__).resolve().parents[1] / "firmware"
@@ -263,12 +252,12 @@ def stored_parameters(
     board, names = EmulatedBoard(mcu, target, bauds), NAMES[target.removesuffix(".elf")]
     board.run(_BOOT)
     for name, value in wanted:
-        answer = _request(board, Set(names.index(name), value), Parameter)
-        if answer is None or answer.status != Status.DONE:
+        answer = _request(board, protocol.Set(names.index(name), value), protocol.Parameter)
+        if answer is None or answer.status != protocol.Status.DONE:
             raise InputError(f"the board refuses {name} = {value:g}")
-    _request(board, Save(), Answer)
+    _request(board, protocol.Save(), protocol.Answer)
     board.run(board.cycle + _SAVED)
-    identity = _request(board, Identify(), Identity)
+    identity = _request(board, protocol.Identify(), protocol.Identity)
     if identity is None or not identity.stored:
         raise InputError("the board does not keep its parameters")
     content = board.eeprom(_SIZE)
@@ -276,11 +265,11 @@ def stored_parameters(
     return content
 
 
-def _request(board: EmulatedBoard, message: Message, kind: type) -> Any:
+def _request(board: EmulatedBoard, message: protocol.Message, kind: type) -> Any:
     """The answer of a kind to a message, or None."""
-    receiver = Receiver()
+    receiver = protocol.Receiver()
     board.read()
-    board.write(b"\0" + encode(message, 0))
+    board.write(b"\0" + protocol.encode(message, 0))
     board.run(board.cycle + _ANSWER)
     messages = [frame.message for frame in receiver.feed(board.read())]
     return next((answer for answer in messages if isinstance(answer, kind)), None)

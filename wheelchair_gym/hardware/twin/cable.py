@@ -44,7 +44,6 @@ class SerialCable:
     plugged: bool = True
     resets_on_open: bool = False
     log: list[bytes] | None = None
-    _waiting: bytes = b""
 
     def open(self) -> SerialCable:
         """The port that a host opens.
@@ -55,7 +54,6 @@ class SerialCable:
         self._check()
         if self.resets_on_open:
             self.board.reset()
-        self._waiting = b""
         return self
 
     def write(self, data: bytes) -> int:
@@ -71,17 +69,10 @@ class SerialCable:
             self.log.append(data)
         return self._with_noise(data) if self.plugged else b""
 
-    @property
-    def in_waiting(self) -> int:
-        """Bytes that can be read without waiting."""
+    def read_all(self) -> bytes:
+        """All bytes that the board has sent, for the host."""
         self._check()
-        self._waiting += self.receive()
-        return len(self._waiting)
-
-    def read(self, size: int) -> bytes:
-        """At most this many bytes, without waiting."""
-        data, self._waiting = self._waiting[:size], self._waiting[size:]
-        return data
+        return self.receive()
 
     def close(self) -> None:
         """Close the port; the cable stays."""

@@ -100,7 +100,7 @@ class LaserServer:
                     return
                 self._laser.write(data)
             if not self._unsent:  # a host that does not read misses whole scans
-                self._unsent = self._laser.read(_CHUNK)
+                self._unsent = self._laser.read_all()
             with contextlib.suppress(BlockingIOError):
                 self._unsent = self._unsent[self._peer.send(self._unsent) :]
         except OSError:
