@@ -50,11 +50,8 @@ def missing_tools(target: str) -> list[str]:
     """Tools that a target needs and that are not installed; none where it is built already."""
     if (_folder() / target).exists():
         return []
-    return [
-        need
-        for need in _NEEDS[target]
-        if not (_SIMAVR.exists() if need == "simavr" else shutil.which(need))
-    ]
+    there = {"simavr": _SIMAVR.exists()}
+    return [need for need in _NEEDS[target] if not there.get(need, shutil.which(need))]
 
 
 @cache
@@ -77,12 +74,8 @@ def build_target(target: str) -> Path:
         ) from None
     # Other processes may build the same target: each builds in a folder of its own, then moves it.
     with tempfile.TemporaryDirectory(dir=path.parent) as aside:
-        made = subprocess.run(
-            ["make", "-s", "-C", str(FIRMWARE), f"BUILD={aside}", f"{aside}/{target}"],
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+        command = ["make", "-s", "-C", str(FIRMWARE), f"BUILD={aside}", f"{aside}/{target}"]
+        made = subprocess.run(command, capture_output=True, text=True, check=False)
         if made.returncode:
             lines = made.stderr.strip().splitlines()
             raise InputError(f"{target} was not built: {lines[0] if lines else made.returncode}")

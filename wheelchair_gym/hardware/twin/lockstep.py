@@ -103,10 +103,8 @@ class Twin:
     ) -> None:
         self.plant = plant or Plant()
         self.faults = Faults()
-        drive, ranges = (
-            ("atmega2560", "drive.elf", (BAUD, IBUS_BAUD)),
-            ("atmega328p", "range.elf", (BAUD, 0)),
-        )
+        drive = "atmega2560", "drive.elf", (BAUD, IBUS_BAUD)
+        ranges = "atmega328p", "range.elf", (BAUD, 0)
         self.drive, self.range = EmulatedBoard(*drive), EmulatedBoard(*ranges)
         if not new:
             chair = self.plant.chair
