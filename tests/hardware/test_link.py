@@ -17,7 +17,7 @@ from wheelchair_gym.hardware.boards import ports, protocol
 from wheelchair_gym.hardware.boards.link import Link
 from wheelchair_gym.hardware.boards.ports import explain
 from wheelchair_gym.hardware.connection import RETRY
-from wheelchair_gym.hardware.twin.cable import LineNoise, SerialCable
+from wheelchair_gym.hardware.twin.board import LineNoise, SerialCable
 from wheelchair_gym.hardware.twin.lockstep import Twin
 from wheelchair_gym.hardware.twin.plant import Plant
 from wheelchair_gym.sensors.settings import SensorSettings

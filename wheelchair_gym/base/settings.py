@@ -328,7 +328,7 @@ def value_of(word: str) -> Any:
 
 def dotted(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     """Return the values of nested mappings at dotted keys, as `with_values` takes them."""
-    found = {}
+    found: dict[str, Any] = {}
     for key, value in values.items():
         inner = isinstance(value, Mapping)
         found |= dotted(value, f"{prefix}{key}.") if inner else {f"{prefix}{key}": value}

@@ -25,7 +25,7 @@ from wheelchair_gym.geometry.kinematics import DriveGeometry, Limits
 from wheelchair_gym.hardware.boards import protocol
 from wheelchair_gym.hardware.boards.parameters import board_parameters
 from wheelchair_gym.hardware.boards.protocol import Command, CommandFlag, Fault, Mode, Switch
-from wheelchair_gym.hardware.boards.senses import BoardSensors
+from wheelchair_gym.hardware.boards.senses import POLL_PERIOD, BoardSensors
 from wheelchair_gym.hardware.control_loop import Clock, RealChair, WallClock, wait_until
 from wheelchair_gym.hardware.settings import HardwareSettings, check_boards
 from wheelchair_gym.safety import stops
@@ -45,7 +45,6 @@ _REFUSED: dict[int, str] = {
 }
 _FINAL_STOPS = 4  # stop commands at the end: noise may destroy one
 _COMMAND_PERIOD = 0.02  # s between two commands: a tenth of the drive board's timeout of 0.2 s
-_POLL_PERIOD = 0.005  # s between two reads of the ports: a quarter of the odometry's period
 # s: half a control period at 200 Hz, and until the motors are set and counts are taken
 _ACTING = 0.0045
 _FINE = 0.001  # s between two checks for the next odometry
@@ -117,7 +116,7 @@ class HardwareChair(RealChair):
         self._travel, self._read_at = np.zeros(2), 0.0  # of the last reading
         self._closed = False
         self._wheels: list[tuple[Any, ...]] = []
-        self._start_guard(self._guard, _POLL_PERIOD)
+        self._start_guard(self._guard, POLL_PERIOD)
 
     def reset(self, episode: Episode | None = None, key: int = 0) -> Reading:
         """Stop, stay in place, and wait for fresh data and for a person to re-arm the chair.

@@ -110,11 +110,8 @@ class StopMonitor:
         """
         held = {matching_stops(message)[0].name: message for message in messages if message}
         before, self.messages = self.messages, held
-        lines = [
-            f"stands: {message}; {_sentence(message)}"
-            for name, message in held.items()
-            if name not in before
-        ]
+        new = [message for name, message in held.items() if name not in before]
+        lines = [f"stands: {message}; {_sentence(message)}" for message in new]
         over = [message for name, message in before.items() if name not in held]
         if over and not held:
             lines = ["goes on"]

@@ -60,11 +60,8 @@ class WheelOdometry:
         """Take odometry that was made at a time [s]."""
         counts = odometry.left, odometry.right
         if self._counts is not None:
-            steps = [
-                (after - before + _WRAP // 2) % _WRAP - _WRAP // 2
-                for before, after in zip(self._counts, counts, strict=True)
-            ]
-            travel = np.array(steps) / self._geometry.counts_per_metre * self._shares
+            steps = (np.subtract(counts, self._counts) + _WRAP // 2) % _WRAP - _WRAP // 2
+            travel = steps / self._geometry.counts_per_metre * self._shares
             self._pose = _advanced(self._pose, travel, self._geometry.track)
             self._travel = self._travel + travel
         self._counts, self._made = counts, made
@@ -105,7 +102,7 @@ _AGE_MAX = 0.255  # s: a command may be older than its age says
 _LASER_DRIFT = 2e-4  # s/s: of two quartz clocks
 _COMPARED = 60.0  # s after which a reset compares the laser's clock again
 _KEPT = 500  # reports of odometry: 10 s
-POLL_PERIOD = 0.005  # s between two reads of the lines while a tool waits
+POLL_PERIOD = 0.005  # s between two reads of the lines: a quarter of the odometry's period
 LASERS = ("laser", "second laser", "third laser", "fourth laser")
 _FAN = 0.01  # rad: maximum difference between the laser's fan and its settings
 _RANGE_OF = {

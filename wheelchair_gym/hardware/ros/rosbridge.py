@@ -305,8 +305,7 @@ class _Client:
         with suppress(Exception):  # the connection has ended; its reader reports that
             while True:
                 with self._changed:
-                    while not self._waiting and not self.closed:
-                        self._changed.wait()
+                    self._changed.wait_for(lambda: self._waiting or self.closed)
                     if self.closed:
                         return
                     _, text = self._waiting.popleft()

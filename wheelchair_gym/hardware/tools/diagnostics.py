@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -117,12 +117,12 @@ class Diagnostics:
         found = [self._line(name) for name in self._parts]
         if "odometry" in self._missing():
             return found
-        found += self._identities() + self._rates() + self._drive()
+        found += [*self._identities(), *self._rates(), *self._drive()]
         if self.senses.range and "ultrasonic" not in self._missing():
             found += self._rangers()
         found += self._lasers()
         if ask is not None:
-            found += self._emergency_stop(ask, patience)
+            found.append(self._emergency_stop(ask, patience))
         return found
 
     def _missing(self) -> list[str]:
@@ -144,8 +144,7 @@ class Diagnostics:
         text = found if found.startswith(url) else f"{url}: {found}"
         return Finding(self._parts[name], "line", text, not silent, advice)
 
-    def _identities(self) -> list[Finding]:
-        found = []
+    def _identities(self) -> Iterator[Finding]:
         for name, (data, board) in _BOARDS.items():
             part = f"{name} board"
             if data not in self._links or data in self._missing():
@@ -154,17 +153,16 @@ class Diagnostics:
             self._wait(lambda n=name: n in self.senses.identities, 0.5)  # type: ignore[misc]
             identity = self.senses.identities.get(name)
             if identity is None:
-                found.append(Finding(part, "firmware", "does not identify itself", False, "flash"))
+                yield Finding(part, "firmware", "does not identify itself", False, "flash")
                 continue
             text = f"{identity.parameters} parameters, reset cause 0x{identity.cause:02x}"
             text += ", stored" if identity.stored else ", defaults"
             good = identity.board == board
             swapped = "" if good else "it is the other board: swap the two devices in the config"
-            found.append(Finding(part, "firmware", text, good, swapped))
+            yield Finding(part, "firmware", text, good, swapped)
             differs = self._mismatch(name)
             text, advice = differs or "as the config says", "wheelchair hardware setup"
-            found.append(Finding(part, "parameters", text, not differs, advice))
-        return found
+            yield Finding(part, "parameters", text, not differs, advice)
 
     def _mismatch(self, board: str) -> str:
         """Differences of a board's parameters from the wanted ones, once all are reported."""
@@ -177,7 +175,7 @@ class Diagnostics:
         self._wait(complete, 3.0)
         return table.mismatch(wanted)
 
-    def _rates(self) -> list[Finding]:
+    def _rates(self) -> Iterator[Finding]:
         senses, counts = self.senses, dict.fromkeys(self._parts, 0)
         latest: dict[str, float] = {}
         delays, sequence, sent = [], None, 0.0
@@ -195,36 +193,32 @@ class Diagnostics:
                 delays.append(now - sent)
                 sequence = None
             self.clock.wait(now + POLL_PERIOD)
-        found, advice = [], "a busy computer or USB hub; a wrong device"
+        advice = "a busy computer or USB hub; a wrong device"
         for name, count in counts.items():
             if name not in self._missing():
                 rate, expected = count / WATCH, RATES.get(name, SCAN_RATE)
                 good = abs(rate - expected) <= TOLERANCE * expected
                 text = f"{rate:.1f} Hz, expected {expected:.1f}"
-                found.append(Finding(self._parts[name], "rate", text, good, advice))
+                yield Finding(self._parts[name], "rate", text, good, advice)
         p99 = float(np.quantile(delays, 0.99)) if delays else math.inf
         text, good = f"{1e3 * p99:.0f} ms (99 % of {len(delays)})", p99 <= LATE + POLL_PERIOD
         advice = "USB latency timer, a busy computer"
-        found.append(Finding("drive board", "answer to a command", text, good, advice))
+        yield Finding("drive board", "answer to a command", text, good, advice)
         bad = senses.drive.statistics.bad + (senses.range.statistics.bad if senses.range else 0)
-        found.append(Finding("both boards", "frames refused", str(bad), bad == 0, "cable, ground"))
-        return found
+        yield Finding("both boards", "frames refused", str(bad), bad == 0, "cable, ground")
 
-    def _drive(self) -> list[Finding]:
+    def _drive(self) -> Iterator[Finding]:
         state, empty = self.senses.odometry, self.wanted["drive"]["under_voltage"]
         faults, switches = Fault(state.faults), Switch(state.switches)
         serious = faults & ~(Fault.RESET | Fault.LINK | Fault.STORE)
         voltage = f"{state.battery:.1f} V, empty at {empty:g}"
         mode = f"{Mode(state.mode).name}, faults {flag_names(faults)}"
         charged, advice = state.battery > empty, "what is named, or its broken wire"
-        return [
-            Finding("battery", "voltage", voltage, charged, "charge it; divider of A0"),
-            Finding("drive board", "state", mode, not serious, "see 'How it stops' in the README"),
-            Finding("switches", "pressed", flag_names(switches), not switches, advice),
-        ]
+        yield Finding("battery", "voltage", voltage, charged, "charge it; divider of A0")
+        yield Finding("drive board", "state", mode, not serious, "see 'How it stops' in the README")
+        yield Finding("switches", "pressed", flag_names(switches), not switches, advice)
 
-    def _rangers(self) -> list[Finding]:
-        found = []
+    def _rangers(self) -> Iterator[Finding]:
         rangers = self.senses.sensors.ultrasonic
         n = len(rangers.mounted)
         self._wait(lambda: False, (n + 2) * rangers.interval)  # each has fired
@@ -232,11 +226,10 @@ class Diagnostics:
             status = RangeStatus(one.status)
             text = f"{one.range:.2f} m" if status == RangeStatus.ECHO else status.name.lower()
             good = status in (RangeStatus.ECHO, RangeStatus.NO_ECHO)
-            found.append(Finding(f"ultrasonic {k}", "range", text, good, "its plug, its address"))
-        return found
+            yield Finding(f"ultrasonic {k}", "range", text, good, "its plug, its address")
 
-    def _lasers(self) -> list[Finding]:
-        senses, found = self.senses, []
+    def _lasers(self) -> Iterator[Finding]:
+        senses = self.senses
         ranges, _, _ = senses.ranges(self.clock.now())
         for k, name in enumerate(senses.scans):
             if name in self._missing():
@@ -245,12 +238,10 @@ class Diagnostics:
             share = float(np.isfinite(ranges[senses.sensors.slices[k]]).mean())
             fan = mismatch or f"{'unknown' if specs is None else specs.model}: as the config says"
             advice = "its window; or nothing stands within reach"
-            found.append(Finding(LASERS[k], "fan", fan, not mismatch, "config"))
-            text, good = f"{share:.0%}", share >= ECHOES
-            found.append(Finding(LASERS[k], "beams with an echo", text, good, advice))
-        return found
+            yield Finding(LASERS[k], "fan", fan, not mismatch, "config")
+            yield Finding(LASERS[k], "beams with an echo", f"{share:.0%}", share >= ECHOES, advice)
 
-    def _emergency_stop(self, ask: Callable[[str], None], patience: float) -> list[Finding]:
+    def _emergency_stop(self, ask: Callable[[str], None], patience: float) -> Finding:
         def pressed() -> bool:
             return bool(self.senses.odometry.switches & Switch.STOP_PRESSED)
 
@@ -266,7 +257,7 @@ class Diagnostics:
             good &= self.senses.odometry.mode == Mode.STOPPED
         text = "seen, latched, let go" if good else "pressed" if down else "not seen"
         advice = "contact at pin 37, closed to ground when let go"
-        return [Finding("emergency stop", "second contact", text, good, advice)]
+        return Finding("emergency stop", "second contact", text, good, advice)
 
 
 HAND, WALL = 0.3, 0.5  # m: of a hand from a sensor or corner, and of a wall from the front edge
