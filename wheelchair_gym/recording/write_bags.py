@@ -106,8 +106,7 @@ class RosBag:
         """Send a message of an instant [ns] from 0; the bag begins at 1 s, and lacks /lookahead."""
         now += _BEGIN
         if (of := topic_of(topic)) is not None:
-            made = of.messages(_NAMES.get(topic, topic), now, *content)
-            for name, message in made.items():
+            for name, message in of.messages(_NAMES.get(topic, topic), now, *content).items():
                 self._write(name, now, message)
 
     def write(self, now: int, topic: str, values: Mapping[str, Any], text: str) -> None:

@@ -81,8 +81,7 @@ def matching_stops(message: str) -> list[Stop]:
 
 def advice_for(message: str) -> str:
     """Return what a person can do about a message, as part of a sentence."""
-    rows = matching_stops(message)
-    return "; ".join(dict.fromkeys(stop.advice for stop in rows))
+    return "; ".join(dict.fromkeys(stop.advice for stop in matching_stops(message)))
 
 
 def active_stops(halted: str, shield: Any) -> list[str]:

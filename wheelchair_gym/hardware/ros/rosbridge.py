@@ -17,7 +17,6 @@ range below every `range_min`, so that no client takes an obstacle for free spac
 from __future__ import annotations
 
 import hmac
-import importlib
 import json
 import logging
 import socket
@@ -54,7 +53,7 @@ def load_websockets() -> None:
         InputError: the extra 'ros' is not installed.
     """
     try:
-        importlib.import_module("websockets.sync.client")
+        import websockets.sync.client  # noqa: F401
     except ImportError:
         raise InputError("a chair under ROS needs: pip install 'wheelchair_gym[ros]'") from None
 

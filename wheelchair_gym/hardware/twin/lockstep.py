@@ -205,11 +205,9 @@ class Twin:
 
     def _terminals(self) -> tuple[float, float]:
         """Duties at the motors: those of the board, changed by the faults."""
-        faults, asked = self.faults, self.duty
-        left, right = (
-            duty if stuck is None else stuck
-            for duty, stuck in zip(asked, faults.stuck_drivers, strict=True)
-        )
+        faults = self.faults
+        pairs = zip(self.duty, faults.stuck_drivers, strict=True)
+        left, right = (duty if stuck is None else stuck for duty, stuck in pairs)
         if faults.swapped_motors:
             left, right = right, left
         inverted = faults.inverted_motors
