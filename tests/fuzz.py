@@ -55,7 +55,7 @@ from wheelchair_gym.base.errors import InputError
 from wheelchair_gym.base.files import read_json
 from wheelchair_gym.base.settings import dump, read
 from wheelchair_gym.envs.settings import EnvSettings, env_settings
-from wheelchair_gym.hardware.ros.cdr import typestore
+from wheelchair_gym.hardware.ros.make_messages import typestore
 from wheelchair_gym.hardware.twin.plant import PlantSettings
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid, read_any_map, write_map
 from wheelchair_gym.perception.logs import LASER, read_log

@@ -20,7 +20,7 @@ from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.hardware.boards.senses import LASERS
-from wheelchair_gym.hardware.twin import faults, lockstep, plant, serve
+from wheelchair_gym.hardware.twin import lockstep, plant, serve
 from wheelchair_gym.maps import write_map
 
 _STATUS_PERIOD = 0.5  # s
@@ -245,7 +245,7 @@ class _Watcher:
         self._open = bool(data)
         *lines, self._text = (self._text + data).split(b"\n")
         for line in lines:
-            if reply := faults.run_command(self._served, line.decode("utf-8", "replace")):
+            if reply := serve.run_command(self._served, line.decode("utf-8", "replace")):
                 print(reply, flush=True)
 
     def _status(self, now: float) -> str:

@@ -13,7 +13,7 @@ import json
 import math
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -36,7 +36,7 @@ from agents.learning.settings import Evaluation, Training
 from agents.learning.weights import Layout, Network, Weights, find_weights, load_weights, make_card
 from agents.learning.weights import save_weights as save
 from agents.watch import ignore
-from wheelchair_gym.base.settings import InputError, dump
+from wheelchair_gym.base.settings import InputError, dotted, dump
 from wheelchair_gym.envs import EnvSettings, NavigationVectorEnv
 from wheelchair_gym.envs.settings import BankSettings
 from wheelchair_gym.envs.world_banks import WorldBank
@@ -54,15 +54,8 @@ LOGGED = (
 
 def _differences(before: str, now: str) -> list[str]:
     """Differences of a run's settings, seed and teacher; more frames extend it."""
-
-    def flat(value: Any, name: str) -> dict[str, Any]:
-        if not isinstance(value, Mapping):
-            return {name: value}
-        inner = (flat(item, f"{name}.{key}" if name else key) for key, item in value.items())
-        return {key: item for part in inner for key, item in part.items()}
-
     old, new = (
-        flat(settings, "") | {"seed": seed, "the teacher's digest": teacher}
+        dotted(settings) | {"seed": seed, "the teacher's digest": teacher}
         for settings, seed, teacher in map(json.loads, (before, now))
     )
     if new["frames"] > old.get("frames", math.inf):

@@ -26,8 +26,8 @@ from cyclonedds.topic import Topic
 from tests.conftest import ROOT, refusal, until
 from tests.hardware.served import Served
 from wheelchair_gym.hardware.ros import make_messages as ros
-from wheelchair_gym.hardware.ros.cdr import deserialized, serialized, typestore
 from wheelchair_gym.hardware.ros.dds import DdsLink, content_of, idl_type
+from wheelchair_gym.hardware.ros.make_messages import deserialized, serialized, typestore
 from wheelchair_gym.sensors.settings import LaserSettings
 
 DOMAIN = 20 + os.getpid() % 78  # and the three after it; of 101 at most

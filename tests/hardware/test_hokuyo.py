@@ -130,14 +130,10 @@ class SensorPort:
     def __init__(self, sensor, piece=10**9):
         self.sensor, self.piece, self.said, self.open = sensor, piece, b"", True
 
-    @property
-    def in_waiting(self):
+    def read_all(self):
         if not self.open:
             raise OSError("gone")
-        return min(len(self.said), self.piece)
-
-    def read(self, size):
-        data, self.said = self.said[:size], self.said[size:]
+        data, self.said = self.said[: self.piece], self.said[self.piece :]
         return data
 
     def write(self, data):

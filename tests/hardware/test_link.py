@@ -17,7 +17,7 @@ from wheelchair_gym.hardware.boards import ports, protocol
 from wheelchair_gym.hardware.boards.link import Link
 from wheelchair_gym.hardware.boards.ports import explain
 from wheelchair_gym.hardware.connection import RETRY
-from wheelchair_gym.hardware.twin.cable import LineNoise, SerialCable
+from wheelchair_gym.hardware.twin.board import LineNoise, SerialCable
 from wheelchair_gym.hardware.twin.lockstep import Twin
 from wheelchair_gym.hardware.twin.plant import Plant
 from wheelchair_gym.sensors.settings import SensorSettings
@@ -31,14 +31,9 @@ class FakePort:
     def __init__(self):
         self.given, self.taken, self.plugged, self.full = b"", b"", True, False
 
-    @property
-    def in_waiting(self):
+    def read_all(self):
         self._check()
-        return len(self.given)
-
-    def read(self, size):
-        self._check()
-        data, self.given = self.given[:size], self.given[size:]
+        data, self.given = self.given, b""
         return data
 
     def write(self, data):

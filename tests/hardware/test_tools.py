@@ -11,8 +11,12 @@ from tests.sim.worlds import box
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.hardware.boards import parameters
 from wheelchair_gym.hardware.boards.protocol import Switch
-from wheelchair_gym.hardware.tools.diagnostics import Diagnostics, Orientation, status_rows
-from wheelchair_gym.hardware.tools.wall import fit_wall
+from wheelchair_gym.hardware.tools.diagnostics import (
+    Diagnostics,
+    Orientation,
+    fit_wall,
+    status_rows,
+)
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 
 pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")

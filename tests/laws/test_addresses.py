@@ -39,7 +39,7 @@ TABLES = {
     "wheelchair_gym.perception.tracker": ("TRACKERS",),
 }
 # Fields of eight unsigned bytes that are no addresses of arrays.
-HASHES = {"laser_hash", "sonar_hash", "other_hash"}
+HASHES = {"scan_hash", "sonar_hash"}
 OTHERS = {"static_body", "surface", *(ENGINE.names or ()), "space", "body", "shape", "key", *HASHES}
 
 

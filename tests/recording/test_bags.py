@@ -20,7 +20,7 @@ from wheelchair_gym import InputError
 from wheelchair_gym.actors.records import actor_shapes
 from wheelchair_gym.geometry.planar import to_world
 from wheelchair_gym.hardware.ros import make_messages as ros
-from wheelchair_gym.hardware.ros.cdr import serialized, typestore
+from wheelchair_gym.hardware.ros.make_messages import serialized, typestore
 from wheelchair_gym.perception.occupancy import read_scan
 from wheelchair_gym.recording import write_bags
 from wheelchair_gym.recording.read_bags import bag_log, bag_messages

@@ -14,6 +14,7 @@ import contextlib
 import logging
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from wheelchair_gym.geometry.kinematics import DriveGeometry, Limits
 from wheelchair_gym.hardware.boards import protocol
 from wheelchair_gym.hardware.boards.parameters import board_parameters
 from wheelchair_gym.hardware.boards.protocol import Command, CommandFlag, Fault, Mode, Switch
-from wheelchair_gym.hardware.boards.senses import BoardSensors
+from wheelchair_gym.hardware.boards.senses import POLL_PERIOD, BoardSensors
 from wheelchair_gym.hardware.control_loop import Clock, RealChair, WallClock, wait_until
 from wheelchair_gym.hardware.settings import HardwareSettings, check_boards
 from wheelchair_gym.safety import stops
@@ -44,10 +45,8 @@ _REFUSED: dict[int, str] = {
 }
 _FINAL_STOPS = 4  # stop commands at the end: noise may destroy one
 _COMMAND_PERIOD = 0.02  # s between two commands: a tenth of the drive board's timeout of 0.2 s
-_POLL_PERIOD = 0.005  # s between two reads of the ports: a quarter of the odometry's period
-_ACTING = (
-    0.0045  # s: half a control period at 200 Hz, and until the motors are set and counts are taken
-)
+# s: half a control period at 200 Hz, and until the motors are set and counts are taken
+_ACTING = 0.0045
 _FINE = 0.001  # s between two checks for the next odometry
 
 
@@ -117,7 +116,7 @@ class HardwareChair(RealChair):
         self._travel, self._read_at = np.zeros(2), 0.0  # of the last reading
         self._closed = False
         self._wheels: list[tuple[Any, ...]] = []
-        self._start_guard(self._guard, _POLL_PERIOD)
+        self._start_guard(self._guard, POLL_PERIOD)
 
     def reset(self, episode: Episode | None = None, key: int = 0) -> Reading:
         """Stop, stay in place, and wait for fresh data and for a person to re-arm the chair.
@@ -138,11 +137,8 @@ class HardwareChair(RealChair):
             self._send(_ZERO if self._is_stopped else STOP)
             self.senses.clear()
         self._await(self._not_ready, timeout)
-        for board, values in self.parameters.items():
-            self._await(
-                lambda b=board, v=values: self.senses.parameters[b].mismatch(v),  # type: ignore[misc]
-                2.0,
-            )
+        for board, wanted in self.parameters.items():
+            self._await(partial(self.senses.parameters[board].mismatch, wanted), 2.0)
         with self._lock:
             self._send(_ZERO)
             self.waiting_for = "" if self.settings.dry_run else self.senses.stopped()
@@ -259,10 +255,9 @@ class HardwareChair(RealChair):
     @property
     def board_parameters(self) -> dict[str, dict[str, float]]:
         """See `Chair.board_parameters`."""
-        tables = self.senses.parameters.items()
         return {
             board: {name: held.value for name, held in table.reported.items()}
-            for board, table in tables
+            for board, table in self.senses.parameters.items()
         }
 
     @property
@@ -327,11 +322,9 @@ class HardwareChair(RealChair):
 
     def _await(self, missing: Callable[[], str], timeout: float) -> None:
         """Wait until nothing is missing, and report what is."""
-
-        def on_wait(why: str) -> None:
-            self.on_wait(f"{why}; waits {timeout:g} s for it")
-
-        self._require(missing, timeout, on_wait=on_wait)
+        self._require(
+            missing, timeout, on_wait=lambda why: self.on_wait(f"{why}; waits {timeout:g} s for it")
+        )
 
     def _stop_reason(self) -> str:
         """Why a policy may not drive the chair now; empty: it may."""

@@ -107,13 +107,13 @@ def read_drives(file: str | Path, chair: ChairSettings, sensors: SensorSettings)
     Raises:
         InputError: the file cannot be read, or lacks wheels or scans.
     """
-    if Path(file).suffix == ".dat" or (is_bag(file) and not bag_texts(file, (EPISODE,))):
-        found, laser = (
-            (logs.read_log(file), logs.LASER) if Path(file).suffix == ".dat" else bag_log(file)
-        )
-        if Path(file).suffix == ".dat":
-            drive = dataclasses.replace(chair.drive, track=logs.TRACK)
-            chair = dataclasses.replace(chair, drive=drive)
-        log = _of_odometry(found, chair.drive.track)
-        return [Drive(str(file), log, chair, dataclasses.replace(sensors, laser=laser))]
-    return [_of_recording(file, recorded) for recorded in read_recording(file)]
+    if Path(file).suffix == ".dat":
+        found, laser = logs.read_log(file), logs.LASER
+        drive = dataclasses.replace(chair.drive, track=logs.TRACK)
+        chair = dataclasses.replace(chair, drive=drive)
+    elif is_bag(file) and not bag_texts(file, (EPISODE,)):
+        found, laser = bag_log(file)
+    else:
+        return [_of_recording(file, recorded) for recorded in read_recording(file)]
+    log = _of_odometry(found, chair.drive.track)
+    return [Drive(str(file), log, chair, dataclasses.replace(sensors, laser=laser))]

@@ -27,7 +27,7 @@ from wheelchair_gym.base.errors import InputError, shorten
 from wheelchair_gym.base.files import LIMITS, opened, read_bytes
 from wheelchair_gym.geometry.planar import compose
 from wheelchair_gym.hardware.ros import messages as ros
-from wheelchair_gym.hardware.ros.cdr import deserialized
+from wheelchair_gym.hardware.ros.make_messages import deserialized
 from wheelchair_gym.perception.logs import SensorLog, log_of_poses
 from wheelchair_gym.recording.write_bags import PREFIX
 from wheelchair_gym.sensors.settings import LaserSettings
@@ -280,13 +280,14 @@ def bag_log(
     """
     found = bag_messages(path, lambda _, kind: kind in (_SCAN, _ODOMETRY, _TF))
     scans = _of_topic(path, found, _SCAN, scan, "/scan", "--scan-topic")
-    edges = _fixed(found)
+    static = [one for one in found if one.type == _TF and one.topic.endswith("tf_static")]
+    moving = [one for one in found if one.type == _TF and not one.topic.endswith("tf_static")]
+    edges = _fixed(moving)
     skipped: Counter[str] = Counter()
     with complete(path):
-        for one in found:
-            if one.type == _TF and one.topic.endswith("tf_static"):
-                edges |= {c: (p, pose) for p, c, pose in ros.transforms(_message(one))}
-    poses, base = _odometry(path, found, odometry, skipped)
+        for one in static:
+            edges |= {c: (p, pose) for p, c, pose in ros.transforms(_message(one))}
+    poses, base = _odometry(path, found, moving, odometry, skipped)
     messages: list[dict[str, Any]] = []
     for one in scans:
         with _skipping(skipped, "scan"):
@@ -326,27 +327,26 @@ def bag_log(
     return log_of_poses(seconds, there, np.stack(ranges), dict(skipped)), laser
 
 
-def _fixed(found: list[Recorded]) -> dict[str, tuple[str, Array]]:
+def _fixed(changes: list[Recorded]) -> dict[str, tuple[str, Array]]:
     """Parents and transforms by child of what never changes on /tf: ROS 1 tells mounts there."""
     edges: dict[str, tuple[str, Array]] = {}
     moving: set[str] = set()
-    for one in found:
-        if one.type == _TF and not one.topic.endswith("tf_static"):
-            with suppress(Exception):  # of readers, for damaged bytes
-                for parent, child, pose in ros.transforms(_message(one)):
-                    was, at = edges.setdefault(child, (parent, pose))
-                    if was != parent or np.abs(pose - at).max() > _STANDS:
-                        moving.add(child)
+    for one in changes:
+        with suppress(Exception):  # of readers, for damaged bytes
+            for parent, child, pose in ros.transforms(_message(one)):
+                was, at = edges.setdefault(child, (parent, pose))
+                if was != parent or np.abs(pose - at).max() > _STANDS:
+                    moving.add(child)
     return {child: edge for child, edge in edges.items() if child not in moving}
 
 
 def _odometry(
-    path: str | Path, found: list[Recorded], topic: str, skipped: Counter[str]
-) -> tuple[dict[int, Array], str]:
+    path: str | Path, found: list[Recorded], changes: list[Recorded], topic: str,
+    skipped: Counter[str],
+) -> tuple[dict[int, Array], str]:  # fmt: skip
     """Poses (3,) by their stamps [ns], and the frame whose poses they are."""
     poses: dict[int, Array] = {}
     base = ""
-    changes = [one for one in found if one.type == _TF and not one.topic.endswith("tf_static")]
     if topic or not changes or any(one.type == _ODOMETRY for one in found):
         for one in _of_topic(path, found, _ODOMETRY, topic, "/odom", "--odometry-topic"):
             with _skipping(skipped, "odometry"):

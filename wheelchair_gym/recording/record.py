@@ -201,14 +201,12 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         self._out.send("/truth", truth.pose)
         if len(truth.actor_poses):
             self._out.send("/actors", actor_shapes(env.episode.actors, truth.actor_poses))
-        ahead = env.points_ahead
-        if ahead is not None:
+        if (ahead := env.points_ahead) is not None:
             self._out.send("/lookahead", ahead)
         chair = unwrapped(env.chair)
         reports = {"reports": chair.wheels, "scans": chair.scan_stamps}
         self._out.write(topics.WHEELS, reports)
-        report = chair.report
-        if report is not None:
+        if (report := chair.report) is not None:
             self._out.write(topics.BOARD, {"wall": time.time(), **report})
         self._log_changes(env.shown, reading.stamp)
 
@@ -222,8 +220,7 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
                 del trail[1:-1:2]
         if config.image_rate and _due(reading.stamp - self._image, 1.0 / config.image_rate):
             self._image = reading.stamp
-            picture = self._env.render()
-            if picture is not None:
+            if (picture := self._env.render()) is not None:
                 self._out.send("/image", picture, _JPEG_QUALITY)
         if _due(reading.stamp - self._refreshed, REFRESH_PERIOD):
             first, self._refreshed = self._refreshed < 0.0, reading.stamp
@@ -240,10 +237,9 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
             if line is not None and line is not self._lines.get(topic):
                 self._out.send(topic, line)
             self._lines[topic] = line
-        note = shown.status
-        if note != self._note:
-            self._note = note
-            self._out.send("/note", "policy", note or "-", False)
+        if shown.status != self._note:
+            self._note = shown.status
+            self._out.send("/note", "policy", self._note or "-", False)
         shield, reading = self._env.shield, self._env.task.reading
         for message in self._stops.update(stamp, active_stops(reading.halted, shield)):
             self._out.send("/note", "chair", message, bool(self._stops.messages))

@@ -105,14 +105,14 @@ def _packed(dtype: DTypeLike, size: int = -1) -> Kind:
     return Kind({"type": "string"}, read, write)
 
 
-def _nullable(missing: float | None) -> Kind:
-    """A number, or null for the missing value."""
+def _nullable(kind: Kind, missing: float | None = None) -> Kind:
+    """A kind of numbers, or null for the missing value."""
 
-    def write(value: float | None) -> float | None:
-        return None if value is None or not math.isfinite(value) else value
+    def write(value: Any) -> Any:
+        return None if value is None or not np.isfinite(value).all() else kind.write(value)
 
-    schema = {"type": ["number", "null"]}
-    return Kind(schema, lambda value: missing if value is None else _number(value), write)
+    schema = {"type": [kind.schema["type"], "null"]}
+    return Kind(schema, lambda value: missing if value is None else kind.read(value), write)
 
 
 NUMBER: Final = Kind({"type": "number"}, _number)
@@ -190,10 +190,6 @@ _TRUTH_FIELDS: Final = {signal.name: _kind(signal) for signal in signals.TRUTH}
 _STICK = _made(Stick, {"forward": NUMBER, "left": NUMBER, "latched": FLAG})
 
 
-def _read_terms(value: Any) -> dict[str, float]:
-    return {name: _number(term) for name, term in _object(value).items()}
-
-
 def reading_fields(sensors: SensorSettings | None = None) -> dict[str, Kind]:
     """Return the fields of a reading of sensors; None: of any."""
     beams, columns = (sensors.beams, sensors.ultrasonic.columns) if sensors else (-1, -1)
@@ -201,7 +197,7 @@ def reading_fields(sensors: SensorSettings | None = None) -> dict[str, Kind]:
         **{signal.name: _kind(signal) for signal in signals.READING},
         "laser": _packed("<f4", beams),
         **dict.fromkeys(("ultrasonic", "age"), _packed("<f4", columns)),
-        "battery": _nullable(math.nan),
+        "battery": _nullable(NUMBER, math.nan),
         "halted": TEXT,
         "odometry": numbers(3),
         "truth": _made(Truth, _TRUTH_FIELDS),
@@ -219,13 +215,9 @@ FIELDS: Final[dict[str, dict[str, Kind]]] = {
         "goal": numbers(3),
         "walls": numbers(-1, 4),
         "discs": numbers(-1, 3),
-        "tolerance": _nullable(None),
-        "time_limit": _nullable(None),
-        "arrival": Kind(
-            {"type": ["array", "null"]},
-            lambda value: None if value is None else numbers(4).read(value),
-            lambda value: None if value is None else numbers(4).write(value),
-        ),
+        "tolerance": _nullable(NUMBER),
+        "time_limit": _nullable(NUMBER),
+        "arrival": _nullable(numbers(4)),
         "name": TEXT,
         "actors": _packed(ACTOR),
         "actor_size": INTEGER,  # bytes of one of them
@@ -247,11 +239,14 @@ FIELDS: Final[dict[str, dict[str, Kind]]] = {
     SHIELD: {"reason": TEXT, "asked": numbers(2), "given": numbers(2), "protective": FLAG},
     VERDICT: {
         "reward": NUMBER,
-        "terms": Kind({"type": "object", "additionalProperties": NUMBER.schema}, _read_terms),
+        "terms": Kind(
+            {"type": "object", "additionalProperties": NUMBER.schema},
+            lambda value: {name: _number(term) for name, term in _object(value).items()},
+        ),
         "terminated": FLAG,
         "truncated": FLAG,
     },
-    BATTERY: {"voltage": _nullable(math.nan)},
+    BATTERY: {"voltage": _nullable(NUMBER, math.nan)},
     WHEELS: {"reports": _packed(types.WHEELS), "scans": numbers(-1)},
     BOARD: {
         "wall": NUMBER,

@@ -18,7 +18,6 @@ import numpy as np
 from wheelchair_gym.base.files import write_error
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.hardware.ros import make_messages as ros
-from wheelchair_gym.hardware.ros.cdr import EXTRA, serialized, typestore
 from wheelchair_gym.recording.topics import BATTERY, COMMAND
 from wheelchair_gym.rendering.video import jpeg
 
@@ -84,7 +83,7 @@ class RosBag:
         try:
             from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
         except ImportError:
-            raise InputError(EXTRA) from None
+            raise InputError(ros.EXTRA) from None
 
         first = Path(file)
         first = first.with_suffix("") if first.suffix == ".mcap" else first
@@ -107,8 +106,7 @@ class RosBag:
         """Send a message of an instant [ns] from 0; the bag begins at 1 s, and lacks /lookahead."""
         now += _BEGIN
         if (of := topic_of(topic)) is not None:
-            made = of.messages(_NAMES.get(topic, topic), now, *content)
-            for name, message in made.items():
+            for name, message in of.messages(_NAMES.get(topic, topic), now, *content).items():
                 self._write(name, now, message)
 
     def write(self, now: int, topic: str, values: Mapping[str, Any], text: str) -> None:
@@ -140,9 +138,9 @@ class RosBag:
             if topic not in self._topics:
                 latched = of is not None and of.latched
                 self._topics[topic] = self._bag.add_connection(
-                    topic, kind, typestore=typestore(), offered_qos_profiles=[_qos(latched)]
+                    topic, kind, typestore=ros.typestore(), offered_qos_profiles=[_qos(latched)]
                 )
-            self._bag.write(self._topics[topic], stamp, serialized(kind, message))
+            self._bag.write(self._topics[topic], stamp, ros.serialized(kind, message))
         except OSError as error:
             self._end(error)
 

@@ -34,6 +34,7 @@ from wheelchair_gym.safety.grid import (
     find_minimum,
     is_in_view,
     mark_motion,
+    scan_of,
     scanner_frame,
     sees_beyond,
     update_grid,
@@ -60,7 +61,6 @@ from wheelchair_gym.safety.state import (
     SONAR_DEAF,
     SONAR_FROZEN,
     SONAR_SILENT,
-    Frame,
     outrun,
 )
 from wheelchair_gym.sensors.laser import LaserArrays, median3, scanner_at
@@ -141,47 +141,30 @@ def _laser_is_blind(g: Any, s: Any, one: LaserArrays, echoes: int, dt: float) ->
 
 
 @borrowing_kernel
-def _check_laser(g: Any, s: Any, laser: Floats, moves: bool, dt: float) -> tuple[bool, int]:
-    """Update the laser's timers; returns whether the scan is new, and the reason of a fault."""
-    valid = valid_share(laser) >= _VALID
-    s.laser_silent = _lasting(not valid, s.laser_silent, dt)
-    now, echoes = hash_floats(laser, np.uint64(0)), count_echoes(laser)
+def _check_scanner(
+    g: Any, s: Any, k: int, ranges: Floats, moves: bool, dt: float
+) -> tuple[bool, int]:
+    """Update the timers of scanner k; returns whether its scan is new, and the reason of a fault.
+
+    A scanner after the first that sees nothing is no fault: it shows no free space.
+    """
+    one = scanner_at(g.scanners, g.n_scanners, k)
+    scan = ranges[one.start : one.start + one.cosine.shape[0]]
+    valid = valid_share(scan) >= _VALID
+    s.scan_silent[k] = _lasting(not valid, s.scan_silent[k], dt)
+    now, echoes = hash_floats(scan, np.uint64(0)), count_echoes(scan)
     # Scans without echoes have no noise, and so are equal.
-    fresh = not s.begun or now != s.laser_hash or echoes == 0
-    fresh &= not _is_of_one_range(laser)
-    first = scanner_at(g.scanners, g.n_scanners, 0)
-    blind = valid and _laser_is_blind(g, s, first, echoes, dt)
+    fresh = not s.begun or now != s.scan_hash[k] or echoes == 0
+    fresh &= k > 0 or not _is_of_one_range(scan)
+    blind = k == 0 and valid and _laser_is_blind(g, s, one, echoes, dt)
     if fresh or moves:
-        s.laser_frozen = _lasting(not fresh, s.laser_frozen, dt)
-    s.laser_hash = now
-    if s.laser_silent > g.stale_laser + _ROUND:
+        s.scan_frozen[k] = _lasting(not fresh, s.scan_frozen[k], dt)
+    s.scan_hash[k] = now
+    if s.scan_silent[k] > g.stale_laser + _ROUND:
         return fresh, LASER_SILENT
-    if s.laser_frozen > g.stale_laser + _ROUND:
+    if s.scan_frozen[k] > g.stale_laser + _ROUND:
         return fresh, LASER_FROZEN
     return fresh, LASER_BLIND if blind else 0
-
-
-@borrowing_kernel
-def check_others(g: Any, s: Any, ranges: Floats, moves: bool, dt: float) -> int:
-    """Update the timers of the scanners after the first; returns the reason of a fault, 0: none.
-
-    One that sees nothing is no fault: it shows no free space.
-    """
-    reason = 0
-    for k in range(1, g.n_scanners):
-        one = scanner_at(g.scanners, g.n_scanners, k)
-        scan = ranges[one.start : one.start + one.cosine.shape[0]]
-        s.other_silent[k] = _lasting(valid_share(scan) < _VALID, s.other_silent[k], dt)
-        now = hash_floats(scan, np.uint64(0))
-        fresh = not s.begun or now != s.other_hash[k] or count_echoes(scan) == 0
-        if fresh or moves:
-            s.other_frozen[k] = _lasting(not fresh, s.other_frozen[k], dt)
-        s.other_hash[k] = now
-        if s.other_silent[k] > g.stale_laser + _ROUND:
-            reason = LASER_SILENT
-        elif s.other_frozen[k] > g.stale_laser + _ROUND:
-            reason = LASER_FROZEN
-    return reason
 
 
 @borrowing_kernel
@@ -266,10 +249,12 @@ def check_sensors(
     """Detect faults and latch them; returns whether the first scanner's scan is new and trusted."""
     v, w = twist[0], twist[1]
     moves = not math.isfinite(v + w) or abs(v) * dt > _MOVED or abs(w) * dt > _MOVED
-    fresh, laser_fault = _check_laser(g, s, ranges[: g.beams], moves, dt)
-    if g.n_scanners > 1:
-        other_fault = check_others(g, s, ranges, moves, dt)
-        laser_fault = laser_fault if laser_fault > 0 else other_fault
+    fresh, laser_fault = _check_scanner(g, s, 0, ranges, moves, dt)
+    other_fault = 0
+    for k in range(1, g.n_scanners):
+        _, fault = _check_scanner(g, s, k, ranges, moves, dt)
+        other_fault = fault if fault > 0 else other_fault
+    laser_fault = laser_fault if laser_fault > 0 else other_fault
     motion_fault = _check_motion(g, s, ranges, twist, dt)
     laser_fault = laser_fault if laser_fault > 0 else motion_fault
     sonar_fault = _check_ultrasonics(g, s, ultrasonic, age, moves, dt)
@@ -296,7 +281,7 @@ _ECHOES = 0.05  # share of beams: a scanner without echoes may be blind
 @borrowing_kernel
 def _shows_free(s: Any, one: LaserArrays, scan: Floats) -> bool:
     """Whether a scan shows what is free: it is new, and enough of its beams have an echo."""
-    works = s.other_silent[one.number] == 0.0 and s.other_frozen[one.number] == 0.0
+    works = s.scan_silent[one.number] == 0.0 and s.scan_frozen[one.number] == 0.0
     return bool(one.shows_free and works and count_echoes(scan) >= _ECHOES * scan.shape[0])
 
 
@@ -351,7 +336,7 @@ def _drop_marks(s: Any, scan: Scan, begin: int) -> None:
 
 @borrowing_kernel
 def _add_other(
-    g: Any, s: Any, one: LaserArrays, frame: Frame, r: np.float32, b: int, n_marks: int
+    g: Any, s: Any, one: LaserArrays, scan: Scan, r: np.float32, b: int, n_marks: int
 ) -> None:
     """Add the hit of beam b of a further scanner at a range [m].
 
@@ -359,7 +344,7 @@ def _add_other(
     """
     x, y = r * one.cosine[b], r * one.sine[b]
     others, n = s.others, s.n_others
-    px, py = point_to_world(frame.c, frame.s, frame.x, frame.y, x, y)
+    px, py = point_to_world(scan.c, scan.s, scan.x, scan.y, x, y)
     if one.shows_free:
         moves = mark_motion(g, s, px, py, s.marks[:], n_marks)
     else:
@@ -432,28 +417,27 @@ def update_others(
     spare = (SCANNERS - g.n_scanners) * SECTORS
     for k in range(1, g.n_scanners):
         one = scanner_at(g.scanners, g.n_scanners, k)
-        beams, frame = one.cosine.shape[0], scanner_frame(one.mount, s.pose)
+        beams = one.cosine.shape[0]
+        scan = scan_of(one, s.pose, minima[one.start : one.start + beams])
         size = (beams + SECTORS - 1) // SECTORS
         best, at, n_marks = far, -1, s.n_marks
         for b in range(beams):
             if b % size == 0 and at >= 0:
-                _add_other(g, s, one, frame, best, at, n_marks)
+                _add_other(g, s, one, scan, best, at, n_marks)
                 at = -1
             r = _without_noise(ranges, one.start, beams, b)
             r = _F(_range_of_edge(g, one, b)) if r == -_F(np.inf) else r
             if not r <= far:  # NaN, too
                 continue
             if at >= 0 and abs(r - best) > JUMP and spare > 0:
-                _add_other(g, s, one, frame, best, at, n_marks)
+                _add_other(g, s, one, scan, best, at, n_marks)
                 spare -= 1
                 at = -1
             if at < 0 or r < best:
                 best, at = r, b
         if at >= 0:
-            _add_other(g, s, one, frame, best, at, n_marks)
+            _add_other(g, s, one, scan, best, at, n_marks)
         if _shows_free(s, one, ranges[one.start : one.start + beams]):
-            minimum = minima[one.start : one.start + beams]
-            scan = Scan(frame.x, frame.y, frame.c, frame.s, one.first, one.per_angle, minimum)
             _drop_marks(s, scan, n_marks)
             update_grid(g, s, scan, False)
     for k in range(kept):

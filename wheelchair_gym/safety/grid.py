@@ -14,6 +14,7 @@ from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.geometry.planar import point_to_world, world_to_body
 from wheelchair_gym.safety.state import BESIDE, CELL, CELLS, MARKS, Frame
 from wheelchair_gym.sensors.echoes import atan2_f32
+from wheelchair_gym.sensors.laser import LaserArrays
 
 Numbers = NDArray[np.int32]
 
@@ -53,11 +54,10 @@ def scanner_frame(mount: Array, pose: Array) -> Frame:
 
 
 @borrowing_kernel
-def scan_of(g: Any, pose: Array, laser: Floats, minimum: Floats) -> Scan:
-    """A scan taken at a pose (3,) of the chair; `minimum` is workspace (beams,)."""
-    at = scanner_frame(g.mount, pose)
-    find_minimum(laser, g.reach, minimum)
-    return Scan(at.x, at.y, at.c, at.s, g.first, g.per_angle, minimum)
+def scan_of(one: LaserArrays, pose: Array, minimum: Floats) -> Scan:
+    """A scan of a scanner at a pose (3,) of the chair; `minimum` (beams,) is of `find_minimum`."""
+    at = scanner_frame(one.mount, pose)
+    return Scan(at.x, at.y, at.c, at.s, one.first, one.per_angle, minimum)
 
 
 @borrowing_kernel

@@ -23,6 +23,7 @@ from wheelchair_gym.safety.faults import check_sensors, update_others
 from wheelchair_gym.safety.grid import (
     Scan,
     beam_towards,
+    find_minimum,
     mark_motion,
     recenter_grid,
     scan_of,
@@ -50,7 +51,7 @@ from wheelchair_gym.safety.state import (
     set_motion,
 )
 from wheelchair_gym.sensors.echoes import atan2_f32
-from wheelchair_gym.sensors.laser import median3, scanner_at
+from wheelchair_gym.sensors.laser import LaserArrays, median3, scanner_at
 
 Bytes = NDArray[np.int8]
 
@@ -115,13 +116,8 @@ def _find_kept(s: Any, scan: Scan, work: Any) -> None:
     """
     trusted = not is_doubted(s.keys[0])
     x, y, stamp, now = s.points.x[:], s.points.y[:], s.points.stamp[:], s.stamp
-    kept, far, beam, n, last = (
-        work.kept[:],
-        work.far[:],
-        work.beam[:],
-        s.n_points,
-        scan.minimum.shape[0] - 1,
-    )
+    kept, far, beam = work.kept[:], work.far[:], work.beam[:]
+    n, last = s.n_points, scan.minimum.shape[0] - 1
     for k in range(np.uint64(n + -n % _BLOCK)):
         dx, dy = x[k] - scan.x, y[k] - scan.y
         b = beam_towards(scan, dx, dy)
@@ -174,7 +170,7 @@ def _keep_points(g: Any, s: Any, scan: Scan, work: Any, dt: float) -> None:
 @borrowing_kernel
 def _keep_marks(g: Any, s: Any, scan: Scan) -> None:
     """Keep the marks that are not too old, nor too far, and whose place is not seen again."""
-    kept, edge = 0, int(EDGE * g.per_angle)
+    kept, edge = 0, int(EDGE * scan.per_angle)
     for k in range(s.n_marks):
         mark = s.marks[k]
         dx, dy = mark.x - scan.x, mark.y - scan.y
@@ -277,14 +273,13 @@ def _drop_passed(s: Any, scan: Scan, in_view: Bytes, first: int) -> None:
 
 
 @borrowing_kernel
-def _find_medians(g: Any, s: Any, scan: Scan, laser: Floats, medians: Floats) -> None:
+def _find_medians(s: Any, one: LaserArrays, scan: Scan, laser: Floats, medians: Floats) -> None:
     """Store the median of each three beams, and add what a single one of them hits.
 
     It rejects lost echoes. Too near (-inf) counts as the laser's minimum range.
     """
     beams = laser.shape[0]
-    cosine, sine = floats_at(g.cosine, beams), floats_at(g.sine, beams)
-    nearest, far = _F(g.nearest), _F(FAR)
+    nearest, far = _F(one.nearest), _F(FAR)
     medians[beams] = _INF
     for b in (0, beams - 1):
         medians[b] = nearest if laser[b] == -_INF else laser[b]
@@ -298,7 +293,7 @@ def _find_medians(g: Any, s: Any, scan: Scan, laser: Floats, medians: Floats) ->
         for b in range(begin, end if found else begin):
             r, single = median3(laser[b - 1], laser[b], laser[b + 1]), max(laser[b], nearest)
             if single < r - JUMP and single <= far:
-                _add_hit(s, scan, single * cosine[b], single * sine[b])
+                _add_hit(s, scan, single * one.cosine[b], single * one.sine[b])
 
 
 @inlined
@@ -311,14 +306,13 @@ def _put(work: Any, n: int, x: np.float32, y: np.float32) -> int:
 
 
 @borrowing_kernel
-def _find_points(g: Any, work: Any, laser: Floats, medians: Floats, n: int) -> int:
+def _find_points(one: LaserArrays, work: Any, laser: Floats, medians: Floats, n: int) -> int:
     """Store points from the n-th on in the laser's frame; returns where they end.
 
     Neighbouring beams on one surface become one point, the mean of their ranges, which averages
     noise. Where the arc ends in the open it is not: an oblique edge is nearer than the mean.
     """
-    beams = laser.shape[0]
-    cosine, sine = floats_at(g.cosine, beams), floats_at(g.sine, beams)
+    beams, cosine, sine = laser.shape[0], one.cosine, one.sine
     far, begin, tail, count, limit, edge = _F(FAR), 0, 0, 0, 0, False
     total, before = _F(0.0), _INF
     for b in range(beams + 1):
@@ -341,7 +335,7 @@ def _find_points(g: Any, work: Any, laser: Floats, medians: Floats, n: int) -> i
                 begin, edge = b, bool(abs(r - before) > JUMP)
                 # One point represents an arc, the longer the farther it is.
                 arc = _FINE if r < _NEARBY else 2.0 * _FINE if r < 2.0 * _NEARBY else 4.0 * _FINE
-                limit = int(arc * g.per_angle / r)
+                limit = int(arc * one.per_angle / r)
             count += 1
             total += r
             tail = b
@@ -351,8 +345,8 @@ def _find_points(g: Any, work: Any, laser: Floats, medians: Floats, n: int) -> i
 
 
 @borrowing_kernel
-def update_points(g: Any, s: Any, scan: Scan, laser: Floats, dt: float) -> None:
-    """Add a scan, dt [s] after the last one, and forget what it shows to be gone."""
+def update_points(g: Any, s: Any, one: LaserArrays, scan: Scan, laser: Floats, dt: float) -> None:
+    """Add a scan of a laser, dt [s] after the last one, and forget what it shows to be gone."""
     work, marks = _update_at(on_stack(_SIZE), 1)[0], s.n_marks
     beams = laser.shape[0]
     medians = floats_at(on_stack(4 * beams + 4), beams + 1)
@@ -361,8 +355,8 @@ def update_points(g: Any, s: Any, scan: Scan, laser: Floats, dt: float) -> None:
     _keep_points(g, s, scan, work, dt)
     _keep_marks(g, s, scan)
     first = s.n_marks
-    _find_medians(g, s, scan, laser, medians)
-    end = _find_points(g, work, laser, medians, s.n_points)
+    _find_medians(s, one, scan, laser, medians)
+    end = _find_points(one, work, laser, medians, s.n_points)
     _add_points(g, s, work, scan, marks, end)
     _keep_hits(g, s, scan, laser)
     _drop_passed(s, scan, work.in_view[:], first)
@@ -467,8 +461,8 @@ def reset(s: Any) -> None:
     decision = s.decision
     s.begun, s.rearmed, decision.protective = False, False, False
     s.stamp, s.latched, decision.reason = 0.0, 0, NOTHING
-    s.laser_hash, s.sonar_hash = np.uint64(0), np.uint64(0)
-    s.laser_silent, s.laser_frozen, s.sonar_frozen = 0.0, 0.0, 0.0
+    s.scan_hash[:] = s.sonar_hash = np.uint64(0)
+    s.scan_silent[:] = s.scan_frozen[:] = s.sonar_frozen = 0.0
     s.laser_blind, s.laser_denied, s.n_lost = 0.0, 0.0, 0
     for k in range(s.keys.shape[0]):
         key = s.keys[k]
@@ -490,8 +484,6 @@ def reset(s: Any) -> None:
     s.n_points, s.n_old, s.n_marks, s.n_hits, s.n_others, s.columns = 0, 0, 0, 0, 0, 0
     s.gap = FAR
     s.marked, s.tracker.begun = -math.inf, False
-    s.other_silent[:] = s.other_frozen[:] = 0.0
-    s.other_hash[:] = np.uint64(0)
 
 
 @borrowing_kernel
@@ -524,10 +516,12 @@ def update(
         set_motion(s, v, 0.0, w, 0.0)
     recenter_grid(s)
     if fresh:
-        scan = scan_of(g, s.pose, laser, floats_at(on_stack(4 * g.beams), g.beams))
         first, s.n_lost, s.n_dark = scanner_at(g.scanners, g.n_scanners, 0), 0, 0
-        find_lost(s, s.keys[0], first, laser, scan.minimum, slow, way, dt)
-        update_points(g, s, scan, laser, dt)
+        minimum = floats_at(on_stack(4 * g.beams), g.beams)
+        find_minimum(laser, first.reach, minimum)
+        find_lost(s, s.keys[0], first, laser, minimum, slow, way, dt)
+        scan = scan_of(first, s.pose, minimum)
+        update_points(g, s, first, scan, laser, dt)
         add_lost(s, s.keys[0])
         track(g, s, laser)
         if not is_doubted(s.keys[0]):

@@ -21,7 +21,7 @@ from wheelchair_gym.perception.track_state import CONSTANTS as TRACKER_CONSTANTS
 from wheelchair_gym.perception.track_state import TRACKER, TRACKS, TrackerConstants  # noqa: F401
 from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.safety.stops import SHIELD_FAULTS
-from wheelchair_gym.sensors.laser import SCANNER, LaserArrays, scanner_pointers
+from wheelchair_gym.sensors.laser import SCANNER, scanner_pointers
 from wheelchair_gym.sensors.settings import RANGERS, SCANNERS, SensorSettings
 from wheelchair_gym.sim.randomization import RandomizedName
 from wheelchair_gym.sim.settings import ChairSettings
@@ -209,11 +209,8 @@ class ShieldConstants(Pointers):
                 "shield: it needs a laser, since ultrasonics alone do not show what is free; "
                 "expected beams of sensors.laser, or no shield"
             )
-        self.laser = laser = LaserArrays.of(sensors.laser, False)
         self.scanners = scanner_pointers(sensors, False)
-        targets = dict.fromkeys(("cosine", "sine"), Target("f4", None))
-        targets["scanners"] = Target(SCANNER, None)
-        targets["tracker"] = Target(TRACKER_CONSTANTS, 1)
+        targets = {"scanners": Target(SCANNER, None), "tracker": Target(TRACKER_CONSTANTS, 1)}
         super().__init__(np.zeros(1, CONSTANTS), targets, constant=True)
         g: Any = self.record[0]
         g["limits"], g["outline"] = chair.limits.record, chair.footprint.array
@@ -227,16 +224,11 @@ class ShieldConstants(Pointers):
         g["stop_margin"] += range_error(chair, sensors)
         for name in ("laser", "ultrasonic", "odometry"):
             g[f"stale_{name}"] = getattr(config.stale, name)
-        self.point("cosine", laser.cosine)
-        self.point("sine", laser.sine)
         self.point("scanners", self.scanners)
         self.point("tracker", TrackerConstants(sensors.laser))
         g["beams"], g["n_scanners"] = sensors.laser.beams, len(sensors.lasers)
-        for name in ("first", "per_angle", "nearest", "mount", "reach"):
-            g[name] = getattr(laser, name)
-        rangers = sensors.ultrasonic
-        for k, one in enumerate(rangers.mounted):
-            model = rangers.narrow if one.model == "narrow" else rangers.wide
+        rangers = zip(sensors.ultrasonic.mounted, sensors.ultrasonic.models, strict=True)
+        for k, (one, model) in enumerate(rangers):
             g["ranger_mount"][k] = one.x, one.y, one.yaw
             half = 0.5 * model.field_of_view
             g["ranger_half"][k], g["ranger_reach"][k] = half, model.reach

@@ -81,8 +81,7 @@ def matching_stops(message: str) -> list[Stop]:
 
 def advice_for(message: str) -> str:
     """Return what a person can do about a message, as part of a sentence."""
-    rows = matching_stops(message)
-    return "; ".join(dict.fromkeys(stop.advice for stop in rows))
+    return "; ".join(dict.fromkeys(stop.advice for stop in matching_stops(message)))
 
 
 def active_stops(halted: str, shield: Any) -> list[str]:
@@ -110,11 +109,8 @@ class StopMonitor:
         """
         held = {matching_stops(message)[0].name: message for message in messages if message}
         before, self.messages = self.messages, held
-        lines = [
-            f"stands: {message}; {_sentence(message)}"
-            for name, message in held.items()
-            if name not in before
-        ]
+        new = [message for name, message in held.items() if name not in before]
+        lines = [f"stands: {message}; {_sentence(message)}" for message in new]
         over = [message for name, message in before.items() if name not in held]
         if over and not held:
             lines = ["goes on"]

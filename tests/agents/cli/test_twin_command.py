@@ -15,10 +15,9 @@ from tests.hardware.conftest import build_twin
 from tests.hardware.served import hear_interrupts
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.hardware.boards.protocol import Switch
-from wheelchair_gym.hardware.twin.faults import COMMANDS, run_command
 from wheelchair_gym.hardware.twin.lockstep import Faults, JoystickState, Twin
 from wheelchair_gym.hardware.twin.plant import Slope
-from wheelchair_gym.hardware.twin.serve import ServedTwin
+from wheelchair_gym.hardware.twin.serve import COMMANDS, ServedTwin, run_command
 from wheelchair_gym.maps import read_map
 
 SAID = {

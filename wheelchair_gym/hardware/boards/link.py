@@ -10,7 +10,6 @@ from wheelchair_gym.hardware.boards.ports import Port, explain, load_serial, ope
 from wheelchair_gym.hardware.boards.protocol import VERSION, Frame, Message, Receiver, encode
 from wheelchair_gym.hardware.connection import Reconnecting
 
-_CHUNK = 4096  # bytes read at once
 _UNREADABLE = 20  # frames refused, and none understood: noise does not do that
 
 
@@ -86,17 +85,13 @@ class Link(Reconnecting[Port]):
         # The zero byte ends what noise may have put on the line.
         data = b"\0" + encode(message, self._sequence)
         port = self.get(self._clock())
-        if port is None:
-            self.statistics.unsent += 1
-            return None
         try:
-            written = port.write(data)
+            written = 0 if port is None else port.write(data)
         except OSError as error:  # pyserial's errors are OSErrors
-            self.statistics.unsent += 1
+            written = 0
             if "timeout" not in type(error).__name__.lower():  # no room: only this frame is lost
                 self.lose(explain(self.url, error))
-            return None
-        if written is not None and written < len(data):  # no room; the board drops what it got
+        if written is not None and written < len(data):  # the board drops what it got of a frame
             self.statistics.unsent += 1
             return None
         self.statistics.sent += 1
@@ -108,8 +103,8 @@ class Link(Reconnecting[Port]):
         port = self.get(self._clock())
         frames: list[Frame] = []
         try:
-            while port is not None and (waiting := port.in_waiting):
-                frames += self._receiver.feed(port.read(min(waiting, _CHUNK)))
+            while port is not None and (data := port.read_all()):
+                frames += self._receiver.feed(data)
         except OSError as error:
             self.lose(explain(self.url, error))
         self.statistics.bad = self._bad_before + self._receiver.bad
@@ -117,9 +112,8 @@ class Link(Reconnecting[Port]):
             if self._last is not None:
                 self.statistics.missed += (frame.sequence - self._last - 1) & 0xFF
             self._last = frame.sequence
-        if frames:
-            self._understood = True
-            self.statistics.received += len(frames)
+        self._understood = self._understood or bool(frames)
+        self.statistics.received += len(frames)
         return frames
 
     def _begin(self, port: Port) -> None:

@@ -163,13 +163,11 @@ def save_parameters(senses: BoardSensors, clock: Clock, board: str) -> bool:
     link = senses.parameters[board].link
     end = clock.now() + PATIENCE
     while link is not None and clock.now() < end:
-        sequence = link.send(Save())
+        expected = link.send(Save()), Status.DONE
 
-        def saved(sequence: int | None = sequence) -> bool:
+        def saved(expected: tuple[int | None, Status] = expected) -> bool:
             answer = senses.answers.get(board)
-            return (
-                answer is not None and answer.sequence == sequence and answer.status == Status.DONE
-            )
+            return answer is not None and (answer.sequence, answer.status) == expected
 
         if senses.wait_for(clock, saved, _SAVED):
             return True

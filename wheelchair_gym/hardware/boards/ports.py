@@ -27,13 +27,8 @@ _MODEM_MANAGER = (
 class Port(Protocol):
     """A serial port as a link needs it, such as pyserial's."""
 
-    @property
-    def in_waiting(self) -> int:
-        """Bytes that can be read without waiting."""
-        ...
-
-    def read(self, size: int) -> bytes:
-        """At most this many bytes, without waiting."""
+    def read_all(self) -> bytes:
+        """All bytes that have come, without waiting."""
         ...
 
     def write(self, data: bytes) -> int | None:
@@ -193,20 +188,15 @@ def _program(number: int) -> str:
 def _group(device: str) -> str:
     """The group whose members may open a device."""
     try:
-        import grp
-
-        name = grp.getgrgid(os.stat(device).st_gid).gr_name
-    except (ImportError, KeyError, OSError):
+        name = Path(device).group()
+    except (KeyError, NotImplementedError, OSError):
         name = "root"
     return "dialout" if name == "root" else name  # Debian's; only root owns what is no port
 
 
 def _ports() -> str:
     """The serial ports of this computer, by names that do not change."""
-    try:
-        names = sorted(os.listdir(_BY_ID))
-    except OSError:
-        names = []
+    names = sorted(path.name for path in Path(_BY_ID).glob("*"))
     if not names:
         return "no USB serial port is there"
     return f"there are, under {_BY_ID}: " + ", ".join(names)

@@ -384,17 +384,15 @@ class Receiver:
     def feed(self, data: bytes) -> list[Frame]:
         """Return the frames that these bytes complete."""
         *ends, rest = data.split(b"\0")
-        frames = []
+        checked = []
         for end in ends:
             self._take(end)
             if self._bytes:
-                frame = self._check(bytes(self._bytes))
+                checked.append(self._check(bytes(self._bytes)))
                 self._bytes.clear()
-                if frame is None:
-                    self.bad += 1
-                else:
-                    frames.append(frame)
         self._take(rest)
+        frames = [frame for frame in checked if frame is not None]
+        self.bad += len(checked) - len(frames)
         return frames
 
     def _take(self, data: bytes) -> None:

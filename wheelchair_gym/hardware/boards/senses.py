@@ -14,21 +14,10 @@ from wheelchair_gym.base.arrays import Array, Floats
 from wheelchair_gym.base.errors import InputError
 from wheelchair_gym.geometry.kinematics import DriveGeometry, odometric_step, twist_of_wheels
 from wheelchair_gym.geometry.planar import compose, wrap_angle
+from wheelchair_gym.hardware.boards import protocol
 from wheelchair_gym.hardware.boards.link import Link
 from wheelchair_gym.hardware.boards.parameters import ParameterTable
 from wheelchair_gym.hardware.boards.ports import Port, open_port
-from wheelchair_gym.hardware.boards.protocol import (
-    STRIPS,
-    Answer,
-    Fault,
-    Identity,
-    Joystick,
-    Mode,
-    Odometry,
-    Parameter,
-    Ranges,
-    RangeStatus,
-)
 from wheelchair_gym.hardware.connection import Latest
 from wheelchair_gym.hardware.control_loop import Clock, wait_until
 from wheelchair_gym.hardware.laser.hokuyo import Hokuyo, TimedScan, open_laser
@@ -67,15 +56,12 @@ class WheelOdometry:
         """The board has restarted its counters: what it counted in between is lost."""
         self._counts = None
 
-    def update(self, odometry: Odometry, made: float) -> None:
+    def update(self, odometry: protocol.Odometry, made: float) -> None:
         """Take odometry that was made at a time [s]."""
         counts = odometry.left, odometry.right
         if self._counts is not None:
-            steps = [
-                (after - before + _WRAP // 2) % _WRAP - _WRAP // 2
-                for before, after in zip(self._counts, counts, strict=True)
-            ]
-            travel = np.array(steps) / self._geometry.counts_per_metre * self._shares
+            steps = (np.subtract(counts, self._counts) + _WRAP // 2) % _WRAP - _WRAP // 2
+            travel = steps / self._geometry.counts_per_metre * self._shares
             self._pose = _advanced(self._pose, travel, self._geometry.track)
             self._travel = self._travel + travel
         self._counts, self._made = counts, made
@@ -116,13 +102,13 @@ _AGE_MAX = 0.255  # s: a command may be older than its age says
 _LASER_DRIFT = 2e-4  # s/s: of two quartz clocks
 _COMPARED = 60.0  # s after which a reset compares the laser's clock again
 _KEPT = 500  # reports of odometry: 10 s
-POLL_PERIOD = 0.005  # s between two reads of the lines while a tool waits
+POLL_PERIOD = 0.005  # s between two reads of the lines: a quarter of the odometry's period
 LASERS = ("laser", "second laser", "third laser", "fourth laser")
 _FAN = 0.01  # rad: maximum difference between the laser's fan and its settings
 _RANGE_OF = {
-    int(RangeStatus.NO_ECHO): math.inf,
-    int(RangeStatus.SILENT): math.nan,
-    int(RangeStatus.UNTRIED): math.nan,
+    int(protocol.RangeStatus.NO_ECHO): math.inf,
+    int(protocol.RangeStatus.SILENT): math.nan,
+    int(protocol.RangeStatus.UNTRIED): math.nan,
 }
 
 
@@ -173,15 +159,15 @@ class BoardSensors:
         self.scans = [f"scan_{k}" if k else "scan" for k in range(len(ports))]
         self.odometer = WheelOdometry(geometry, settings.limits.odometry)
         self.pressed = False
-        self.wheels: deque[tuple[Odometry, float]] = deque(maxlen=_KEPT)
-        self.identities: dict[str, Identity] = {}
-        self.answers: dict[str, Answer] = {}
+        self.wheels: deque[tuple[protocol.Odometry, float]] = deque(maxlen=_KEPT)
+        self.identities: dict[str, protocol.Identity] = {}
+        self.answers: dict[str, protocol.Answer] = {}
         lines = {"drive": self.drive, "range": self.range}
         self.parameters = {board: ParameterTable(board, line) for board, line in lines.items()}
         drift = settings.limits.clock_drift
         self._newest = {"odometry": Latest(drift), "ultrasonic": Latest(drift)}
         self._newest |= {name: Latest(_LASER_DRIFT) for name in self.scans}
-        self._joystick: tuple[Joystick, float] | None = None  # and when it came [s]
+        self._joystick: tuple[protocol.Joystick, float] | None = None  # and when it came [s]
         self._stamp = -math.inf
 
     def clear(self) -> None:
@@ -217,7 +203,7 @@ class BoardSensors:
 
     def _take(self, board: str, message: Any) -> None:
         now = self._now()
-        if isinstance(message, Odometry):
+        if isinstance(message, protocol.Odometry):
             if message.stamp < self._stamp:
                 self.odometer.restart()
                 self.parameters["drive"].reported.clear()  # they may have changed
@@ -229,34 +215,34 @@ class BoardSensors:
                 newest.clock.answered(sent, message.stamp - message.age)
             self.odometer.update(message, newest.message.measured_at)
             self.wheels.append((message, newest.message.measured_at))
-            self.pressed |= bool(message.switches & STRIPS)
-        elif isinstance(message, Ranges):
+            self.pressed |= bool(message.switches & protocol.STRIPS)
+        elif isinstance(message, protocol.Ranges):
             self._newest["ultrasonic"].update(message, message.stamp, now)
-        elif isinstance(message, Joystick):
+        elif isinstance(message, protocol.Joystick):
             self._joystick = message, now
-        elif isinstance(message, Parameter):
+        elif isinstance(message, protocol.Parameter):
             self.parameters[board].update(message)
-        elif isinstance(message, Identity):
+        elif isinstance(message, protocol.Identity):
             self.identities[board] = message
-        elif isinstance(message, Answer):
+        elif isinstance(message, protocol.Answer):
             self.answers[board] = message
 
     @property
-    def odometry(self) -> Odometry:
+    def odometry(self) -> protocol.Odometry:
         """The drive board's last odometry; there must have been one."""
-        odometry: Odometry = self._newest["odometry"].message.value
+        odometry: protocol.Odometry = self._newest["odometry"].message.value
         return odometry
 
-    def joystick(self, now: float) -> Joystick | None:
+    def joystick(self, now: float) -> protocol.Joystick | None:
         """The drive board's joystick; None: the board has not reported one lately."""
         if self._joystick is None or now - self._joystick[1] > self.settings.limits.odometry:
             return None
         return self._joystick[0]
 
     @property
-    def ranges_message(self) -> Ranges:
+    def ranges_message(self) -> protocol.Ranges:
         """The range board's last ranges; there must have been some."""
-        ranges: Ranges = self._newest["ultrasonic"].message.value
+        ranges: protocol.Ranges = self._newest["ultrasonic"].message.value
         return ranges
 
     def stamp_of(self, name: str) -> float:
@@ -305,9 +291,9 @@ class BoardSensors:
 
     def stopped(self) -> str:
         """Why the drive board has stopped until a person re-arms it; empty: it has not."""
-        if self.odometry.mode != Mode.STOPPED:
+        if self.odometry.mode != protocol.Mode.STOPPED:
             return ""
-        why = Fault(self.odometry.faults).name or "not armed"
+        why = protocol.Fault(self.odometry.faults).name or "not armed"
         return f"the drive board has stopped ({why}); a person must re-arm it"
 
     def laser_mismatch(self, k: int) -> str:

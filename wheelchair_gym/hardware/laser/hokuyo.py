@@ -37,28 +37,20 @@ class TcpPort:
         )[0]
         self._socket = socket.socket(family, kind, protocol)
         self._socket.setblocking(False)
-        self._unsent, self._bytes = b"", b""
+        self._unsent = b""
         with contextlib.suppress(BlockingIOError):
             self._socket.connect(address)
 
-    @property
-    def in_waiting(self) -> int:
-        """Bytes that can be read without waiting."""
+    def read_all(self) -> bytes:
+        """All bytes that have come, without waiting."""
         readable, writable, _ = select.select([self._socket], [self._socket], [], 0)
         if writable:
             if error := self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR):
                 raise OSError(error, f"connection failed, {os.strerror(error)}")
             self._flush()
-        if readable:
-            data = self._socket.recv(_CHUNK)
-            if not data:
-                raise OSError("the connection was closed")
-            self._bytes += data
-        return len(self._bytes)
-
-    def read(self, size: int) -> bytes:
-        """At most this many bytes, without waiting."""
-        data, self._bytes = self._bytes[:size], self._bytes[size:]
+        data = self._socket.recv(_CHUNK) if readable else b""
+        if readable and not data:
+            raise OSError("the connection was closed")
         return data
 
     def write(self, data: bytes) -> int:
@@ -147,8 +139,8 @@ class Hokuyo(Reconnecting[Port]):
         scans: list[TimedScan] = []
         port = self.get(self._clock())
         try:
-            while port is not None and (waiting := port.in_waiting):
-                for reply in self._parser.feed(port.read(waiting)):
+            while port is not None and (data := port.read_all()):
+                for reply in self._parser.feed(data):
                     self._handle(port, reply, scans)
             if port is not None and self._clock() - self._since > ANSWER_WITHIN:
                 self._lose(f"no answer to {self._asked} for {ANSWER_WITHIN:g} s")

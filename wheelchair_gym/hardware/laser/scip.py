@@ -76,23 +76,15 @@ class ScipParser:
         *parts, self._bytes = (self._bytes + data).split(b"\n\n")
         if len(self._bytes) > _REPLY_MAX:  # no reply is so long: wait for the next one
             self._bytes, self.bad = b"", self.bad + 1
-        replies = []
-        for part in parts:
-            if not part.strip(b"\n"):
-                continue
-            reply = self._check(part.lstrip(b"\n"))
-            if reply is None:
-                self.bad += 1
-            else:
-                replies.append(reply)
+        checked = [self._check(part.lstrip(b"\n")) for part in parts if part.strip(b"\n")]
+        replies = [reply for reply in checked if reply is not None]
+        self.bad += len(checked) - len(replies)
         return replies
 
     @staticmethod
     def _check(data: bytes) -> Reply | None:
         echo, *rest = data.split(b"\n")
-        if not rest or not echo.isascii():
-            return None
-        if not 1 <= len(rest[0]) <= 3:
+        if not rest or not echo.isascii() or not 1 <= len(rest[0]) <= 3:
             return None
         # Old sensors answer SCIP2.0 and QT with a bare status.
         status, checked = rest[0][:2], rest if len(rest[0]) == 3 else rest[1:]
@@ -143,10 +135,8 @@ def specs_of(reply: Reply) -> Specs:
     Raises:
         InputError: an entry is missing or no number.
     """
-    entries = {}
-    for line in reply.lines:
-        key, _, value = line.decode("ascii", "replace").rstrip(";").partition(":")
-        entries[key] = value.rstrip(";")
+    pairs = (line.decode("ascii", "replace").rstrip(";").partition(":") for line in reply.lines)
+    entries = {key: value for key, _, value in pairs}
     try:
         specs = Specs(entries["MODL"], *(int(entries[key]) for key in _KEYS[1:]))
     except KeyError as error:

@@ -19,7 +19,7 @@ from functools import cache
 from typing import Any, Final, NamedTuple
 
 from wheelchair_gym.base.settings import InputError
-from wheelchair_gym.hardware.ros.cdr import deserialized, serialized, typestore
+from wheelchair_gym.hardware.ros.make_messages import deserialized, serialized, typestore
 from wheelchair_gym.hardware.ros.rosbridge import Service, is_local
 
 _LOG = logging.getLogger(__name__)

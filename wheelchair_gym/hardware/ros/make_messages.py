@@ -1,7 +1,8 @@
 """ROS 2 messages of a chair, its sensors and its map, as dictionaries of their fields.
 
-rosbridge sends them as JSON; `cdr` encodes them by type, for bags and DDS. Omitted fields are zero
-or empty. Frames are those of REP-105: map -> odom -> base_link -> laser, ultrasonic_0, ...
+rosbridge sends them as JSON; `serialized` makes CDR of them, for bags and DDS, by the definitions
+of Jazzy: standard messages are the same from Humble on. Omitted fields are zero or empty. Frames
+are those of REP-105: map -> odom -> base_link -> laser, ultrasonic_0, ...
 Add a topic to `TOPICS`, which bags use, too, and to `connect` and `_publish` in agents/robot.py.
 """
 
@@ -9,7 +10,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict
+from functools import cache
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -24,6 +27,7 @@ from wheelchair_gym.sensors.settings import LaserSettings, UltrasonicSettings
 Message = dict[str, Any]
 NANO: Final = 1_000_000_000
 _UNMEASURED = 1e6  # variance of what is not measured, as drivers of planar robots have it
+EXTRA: Final = "messages of ROS 2 need: pip install 'wheelchair_gym[ros]'"
 INFO, WARNING = 20, 30  # levels of rcl_interfaces/Log
 
 
@@ -305,3 +309,57 @@ def general(topic: str) -> str:
     """Return the name in `TOPICS` of a topic, which may have a number."""
     name, _, number = topic.rpartition("_")
     return name if number.isdigit() else topic
+
+
+@cache
+def typestore() -> Any:
+    """The definitions of messages, as a typestore of rosbags.
+
+    Raises:
+        InputError: the extra 'ros' is not installed.
+    """
+    try:
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError:
+        raise InputError(EXTRA) from None
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+@cache
+def _maker(kind: str) -> Callable[[Mapping[str, Any]], Any]:
+    """A function that makes messages of a type of dictionaries; what they lack is zero or empty."""
+    store = typestore()
+    makers = {name: _field(*definition) for name, definition in store.fielddefs[kind][1]}
+    cls = store.types[kind]
+    return lambda values: cls(**{name: make(values.get(name)) for name, make in makers.items()})
+
+
+def _field(node: Any, definition: Any) -> Callable[[Any], Any]:
+    """A function that makes a field of a value, or of None."""
+    from rosbags.interfaces import Nodetype
+
+    if node == Nodetype.NAME:
+        make = _maker(definition)
+        return lambda value: make(value or {})
+    if node == Nodetype.BASE:
+        of: Any = {"string": str, "bool": bool}.get(definition[0])
+        of = of or (float if definition[0].startswith("float") else int)
+        return lambda value: of() if value is None else of(value)
+    (inner, name), length = definition
+    if inner == Nodetype.BASE and name[0] != "string":
+        dtype = np.dtype("uint8" if name[0] in ("byte", "char") else name[0])
+        return lambda value: (
+            np.zeros(length, dtype) if value is None else np.ascontiguousarray(value, dtype)
+        )
+    each = _field(inner, name)
+    return lambda value: [each(item) for item in value or ()]
+
+
+def serialized(kind: str, message: Mapping[str, Any]) -> Any:
+    """A message of a type as CDR."""
+    return typestore().serialize_cdr(_maker(kind)(message), kind)
+
+
+def deserialized(kind: str, data: bytes) -> dict[str, Any]:
+    """A message of a type, of CDR; for damaged bytes, rosbags raises whatever it raises."""
+    return asdict(typestore().deserialize_cdr(data, kind))

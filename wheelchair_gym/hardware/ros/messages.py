@@ -138,10 +138,9 @@ def transforms(message: Mapping[str, Any]) -> list[tuple[str, str, Array]]:
         try:
             parent, child = str(edge["header"]["frame_id"]), str(edge["child_frame_id"])
             matrix = _matrix(edge["transform"]["translation"], edge["transform"]["rotation"])
+            found.append((parent.lstrip("/"), child.lstrip("/"), matrix))
         except (KeyError, TypeError) as error:
             broken = error
-            continue
-        found.append((parent.lstrip("/"), child.lstrip("/"), matrix))
     if broken is not None and not found:
         raise broken
     return found

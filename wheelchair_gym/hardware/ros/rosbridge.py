@@ -17,7 +17,6 @@ range below every `range_min`, so that no client takes an obstacle for free spac
 from __future__ import annotations
 
 import hmac
-import importlib
 import json
 import logging
 import socket
@@ -54,7 +53,7 @@ def load_websockets() -> None:
         InputError: the extra 'ros' is not installed.
     """
     try:
-        importlib.import_module("websockets.sync.client")
+        import websockets.sync.client  # noqa: F401
     except ImportError:
         raise InputError("a chair under ROS needs: pip install 'wheelchair_gym[ros]'") from None
 
@@ -305,8 +304,7 @@ class _Client:
         with suppress(Exception):  # the connection has ended; its reader reports that
             while True:
                 with self._changed:
-                    while not self._waiting and not self.closed:
-                        self._changed.wait()
+                    self._changed.wait_for(lambda: self._waiting or self.closed)
                     if self.closed:
                         return
                     _, text = self._waiting.popleft()

@@ -7,6 +7,7 @@ import math
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 from itertools import takewhile
 from typing import Any, NamedTuple
 
@@ -146,25 +147,19 @@ class RosSensors:
         self._frames: dict[str, str] = {}  # topic of a scan: its frame
         self._lasers = dict(zip((s.scan, *s.more_scans), sensors.lasers, strict=True))
         null = math.nan if s.null_range == "invalid" else math.inf
-        self.topics = {
-            **{
-                topic: Topic(
-                    "sensor_msgs/LaserScan",
-                    lambda message, laser=laser: ros.scan(message, laser, null),  # type: ignore[misc]
-                    s.limits.scan,
-                )
-                for topic, laser in self._lasers.items()
-            },
+        self.topics: dict[str, Topic] = {}
+        for topic, laser in self._lasers.items():
+            read = partial(ros.scan, laser=laser, null=null)
+            self.topics[topic] = Topic("sensor_msgs/LaserScan", read, s.limits.scan)
+        self.topics |= {
             s.odometry: Topic("nav_msgs/Odometry", ros.odometry, s.limits.odometry),
             s.tf: Topic("tf2_msgs/TFMessage", ros.transforms, queue=_BROADCASTERS),
             s.tf_static: Topic("tf2_msgs/TFMessage", ros.transforms, queue=_BROADCASTERS),
             s.clock: Topic("rosgraph_msgs/Clock", lambda message: ros.seconds(message["clock"])),
             s.map: Topic("nav_msgs/OccupancyGrid", ros.grid),
-            **{
-                topic: Topic("sensor_msgs/Range", lambda message: ros.distance(message, null))
-                for topic in s.ultrasonic
-            },
         }
+        for topic in s.ultrasonic:
+            self.topics[topic] = Topic("sensor_msgs/Range", partial(ros.distance, null=null))
         if s.battery:
             self.topics[s.battery] = Topic("sensor_msgs/BatteryState", ros.voltage)
         self._rigid: dict[str, tuple[str, Array, float]] = {}

@@ -74,8 +74,5 @@ class RosSettings:
     link: RosbridgeSettings = RosbridgeSettings()
 
     def __post_init__(self) -> None:
-        if len(self.ultrasonic) > RANGERS:
-            raise InputError(
-                f"RosSettings.ultrasonic has {len(self.ultrasonic)} topics; expected at most "
-                f"{RANGERS}"
-            )
+        if (n := len(self.ultrasonic)) > RANGERS:
+            raise InputError(f"RosSettings.ultrasonic has {n} topics; expected at most {RANGERS}")

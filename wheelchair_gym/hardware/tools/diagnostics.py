@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.geometry.outline import Footprint
-from wheelchair_gym.hardware.boards.link import Link
 from wheelchair_gym.hardware.boards.ports import silent_advice
 from wheelchair_gym.hardware.boards.protocol import (
     Board,
@@ -24,7 +24,6 @@ from wheelchair_gym.hardware.boards.protocol import (
 )
 from wheelchair_gym.hardware.boards.senses import LASERS, POLL_PERIOD, BoardSensors
 from wheelchair_gym.hardware.control_loop import Clock
-from wheelchair_gym.hardware.tools.wall import echoes_ahead, fit_wall
 from wheelchair_gym.perception.occupancy import read_scan
 
 
@@ -39,12 +38,8 @@ def status_rows(senses: BoardSensors, now: float) -> list[tuple[str, str]]:
     for name, link in (("drive board", senses.drive), ("range board", senses.range)):
         if link is not None:
             s = link.statistics
-            text = (
-                link.error
-                or link.mismatch
-                or f"{s.received} frames, {s.bad} refused, {s.missed} missed"
-            )
-            rows.append((name, text))
+            counts = f"{s.received} frames, {s.bad} refused, {s.missed} missed"
+            rows.append((name, link.error or link.mismatch or counts))
     for laser, who in zip(senses.lasers, LASERS, strict=False):
         rows.append((who, laser.error or f"{laser.scans} scans"))
     rows.append(("ages", "  ".join(f"{name} {1e3 * age:.0f} ms" for name, age in ages.items())))
@@ -66,10 +61,8 @@ def status_rows(senses: BoardSensors, now: float) -> list[tuple[str, str]]:
         x, y = senses.sensors.directions[nearest]
         bearing = math.degrees(math.atan2(y, x))
         rows.append(("nearest echo", f"{ranges[nearest]:.2f} m at {bearing:.0f} deg"))
-    mounted = len(senses.sensors.ultrasonic.mounted)
-    pairs = zip(sonar[:mounted], old, strict=False)
-    sonar_texts = (f"{r:.2f} ({a:.1f} s)" for r, a in pairs)
-    rows.append(("ultrasonics", "  ".join(sonar_texts)))
+    each = zip(senses.sensors.ultrasonic.mounted, sonar, old, strict=False)
+    rows.append(("ultrasonics", "  ".join(f"{r:.2f} ({a:.1f} s)" for _, r, a in each)))
     return rows
 
 
@@ -106,11 +99,10 @@ class Diagnostics:
         self, senses: BoardSensors, clock: Clock, wanted: dict[str, dict[str, float]]
     ) -> None:
         self.senses, self.clock, self.wanted = senses, clock, wanted
-        self.lines: dict[str, Link | None] = {"odometry": senses.drive, "ultrasonic": senses.range}
-        boards = {"odometry": "drive board", "ultrasonic": "range board"}
-        self._parts = boards | dict(zip(senses.scans, LASERS, strict=False))
-        if not senses.range:
-            del self._parts["ultrasonic"]
+        self._links, self._parts = {"odometry": senses.drive}, {"odometry": "drive board"}
+        if senses.range:
+            self._links["ultrasonic"], self._parts["ultrasonic"] = senses.range, "range board"
+        self._parts |= dict(zip(senses.scans, LASERS, strict=False))
 
     def run(
         self, ask: Callable[[str], None] | None = None, patience: float = 30.0
@@ -125,12 +117,12 @@ class Diagnostics:
         found = [self._line(name) for name in self._parts]
         if "odometry" in self._missing():
             return found
-        found += self._identities() + self._rates() + self._drive()
+        found += [*self._identities(), *self._rates(), *self._drive()]
         if self.senses.range and "ultrasonic" not in self._missing():
             found += self._rangers()
         found += self._lasers()
         if ask is not None:
-            found += self._emergency_stop(ask, patience)
+            found.append(self._emergency_stop(ask, patience))
         return found
 
     def _missing(self) -> list[str]:
@@ -141,41 +133,36 @@ class Diagnostics:
         return self.senses.wait_for(self.clock, condition, seconds)
 
     def _line(self, name: str) -> Finding:
-        senses, ports = self.senses, self.senses.settings
-        silent, link = name in self._missing(), self.lines.get(name)
-        if name in senses.scans:
-            k = senses.scans.index(name)
-            url = ports.more_laser_ports[k - 1] if k else ports.laser_port
-            why, advice = senses.lasers[k].error, "its cable, power, address"
-        else:
-            url = ports.drive_port if name == "odometry" else ports.range_port
-            why = "" if link is None else link.error or link.mismatch
+        silent = name in self._missing()
+        if name in self._links:
+            url, why = self._links[name].url, self._links[name].error or self._links[name].mismatch
             advice = "" if why else silent_advice()  # the error of a port holds its own advice
+        else:
+            laser = self.senses.lasers[self.senses.scans.index(name)]
+            url, why, advice = laser.url, laser.error, "its cable, power, address"
         found = (why or "open, but silent") if silent else "open"
         text = found if found.startswith(url) else f"{url}: {found}"
         return Finding(self._parts[name], "line", text, not silent, advice)
 
-    def _identities(self) -> list[Finding]:
-        found = []
+    def _identities(self) -> Iterator[Finding]:
         for name, (data, board) in _BOARDS.items():
-            link, part = self.lines[data], f"{name} board"
-            if link is None or data in self._missing():
+            part = f"{name} board"
+            if data not in self._links or data in self._missing():
                 continue
-            link.send(Identify())
+            self._links[data].send(Identify())
             self._wait(lambda n=name: n in self.senses.identities, 0.5)  # type: ignore[misc]
             identity = self.senses.identities.get(name)
             if identity is None:
-                found.append(Finding(part, "firmware", "does not identify itself", False, "flash"))
+                yield Finding(part, "firmware", "does not identify itself", False, "flash")
                 continue
             text = f"{identity.parameters} parameters, reset cause 0x{identity.cause:02x}"
             text += ", stored" if identity.stored else ", defaults"
             good = identity.board == board
             swapped = "" if good else "it is the other board: swap the two devices in the config"
-            found.append(Finding(part, "firmware", text, good, swapped))
+            yield Finding(part, "firmware", text, good, swapped)
             differs = self._mismatch(name)
             text, advice = differs or "as the config says", "wheelchair hardware setup"
-            found.append(Finding(part, "parameters", text, not differs, advice))
-        return found
+            yield Finding(part, "parameters", text, not differs, advice)
 
     def _mismatch(self, board: str) -> str:
         """Differences of a board's parameters from the wanted ones, once all are reported."""
@@ -188,7 +175,7 @@ class Diagnostics:
         self._wait(complete, 3.0)
         return table.mismatch(wanted)
 
-    def _rates(self) -> list[Finding]:
+    def _rates(self) -> Iterator[Finding]:
         senses, counts = self.senses, dict.fromkeys(self._parts, 0)
         latest: dict[str, float] = {}
         delays, sequence, sent = [], None, 0.0
@@ -206,38 +193,32 @@ class Diagnostics:
                 delays.append(now - sent)
                 sequence = None
             self.clock.wait(now + POLL_PERIOD)
-        found, advice = [], "a busy computer or USB hub; a wrong device"
+        advice = "a busy computer or USB hub; a wrong device"
         for name, count in counts.items():
             if name not in self._missing():
                 rate, expected = count / WATCH, RATES.get(name, SCAN_RATE)
                 good = abs(rate - expected) <= TOLERANCE * expected
                 text = f"{rate:.1f} Hz, expected {expected:.1f}"
-                found.append(Finding(self._parts[name], "rate", text, good, advice))
+                yield Finding(self._parts[name], "rate", text, good, advice)
         p99 = float(np.quantile(delays, 0.99)) if delays else math.inf
         text, good = f"{1e3 * p99:.0f} ms (99 % of {len(delays)})", p99 <= LATE + POLL_PERIOD
         advice = "USB latency timer, a busy computer"
-        found.append(Finding("drive board", "answer to a command", text, good, advice))
+        yield Finding("drive board", "answer to a command", text, good, advice)
         bad = senses.drive.statistics.bad + (senses.range.statistics.bad if senses.range else 0)
-        found.append(Finding("both boards", "frames refused", str(bad), bad == 0, "cable, ground"))
-        return found
+        yield Finding("both boards", "frames refused", str(bad), bad == 0, "cable, ground")
 
-    def _drive(self) -> list[Finding]:
+    def _drive(self) -> Iterator[Finding]:
         state, empty = self.senses.odometry, self.wanted["drive"]["under_voltage"]
         faults, switches = Fault(state.faults), Switch(state.switches)
         serious = faults & ~(Fault.RESET | Fault.LINK | Fault.STORE)
         voltage = f"{state.battery:.1f} V, empty at {empty:g}"
         mode = f"{Mode(state.mode).name}, faults {flag_names(faults)}"
-        advice = "what is named, or its broken wire"
-        return [
-            Finding(
-                "battery", "voltage", voltage, state.battery > empty, "charge it; divider of A0"
-            ),
-            Finding("drive board", "state", mode, not serious, "see 'How it stops' in the README"),
-            Finding("switches", "pressed", flag_names(switches), not switches, advice),
-        ]
+        charged, advice = state.battery > empty, "what is named, or its broken wire"
+        yield Finding("battery", "voltage", voltage, charged, "charge it; divider of A0")
+        yield Finding("drive board", "state", mode, not serious, "see 'How it stops' in the README")
+        yield Finding("switches", "pressed", flag_names(switches), not switches, advice)
 
-    def _rangers(self) -> list[Finding]:
-        found = []
+    def _rangers(self) -> Iterator[Finding]:
         rangers = self.senses.sensors.ultrasonic
         n = len(rangers.mounted)
         self._wait(lambda: False, (n + 2) * rangers.interval)  # each has fired
@@ -245,11 +226,10 @@ class Diagnostics:
             status = RangeStatus(one.status)
             text = f"{one.range:.2f} m" if status == RangeStatus.ECHO else status.name.lower()
             good = status in (RangeStatus.ECHO, RangeStatus.NO_ECHO)
-            found.append(Finding(f"ultrasonic {k}", "range", text, good, "its plug, its address"))
-        return found
+            yield Finding(f"ultrasonic {k}", "range", text, good, "its plug, its address")
 
-    def _lasers(self) -> list[Finding]:
-        senses, found = self.senses, []
+    def _lasers(self) -> Iterator[Finding]:
+        senses = self.senses
         ranges, _, _ = senses.ranges(self.clock.now())
         for k, name in enumerate(senses.scans):
             if name in self._missing():
@@ -258,12 +238,10 @@ class Diagnostics:
             share = float(np.isfinite(ranges[senses.sensors.slices[k]]).mean())
             fan = mismatch or f"{'unknown' if specs is None else specs.model}: as the config says"
             advice = "its window; or nothing stands within reach"
-            found.append(Finding(LASERS[k], "fan", fan, not mismatch, "config"))
-            text, good = f"{share:.0%}", share >= ECHOES
-            found.append(Finding(LASERS[k], "beams with an echo", text, good, advice))
-        return found
+            yield Finding(LASERS[k], "fan", fan, not mismatch, "config")
+            yield Finding(LASERS[k], "beams with an echo", f"{share:.0%}", share >= ECHOES, advice)
 
-    def _emergency_stop(self, ask: Callable[[str], None], patience: float) -> list[Finding]:
+    def _emergency_stop(self, ask: Callable[[str], None], patience: float) -> Finding:
         def pressed() -> bool:
             return bool(self.senses.odometry.switches & Switch.STOP_PRESSED)
 
@@ -279,7 +257,7 @@ class Diagnostics:
             good &= self.senses.odometry.mode == Mode.STOPPED
         text = "seen, latched, let go" if good else "pressed" if down else "not seen"
         advice = "contact at pin 37, closed to ground when let go"
-        return [Finding("emergency stop", "second contact", text, good, advice)]
+        return Finding("emergency stop", "second contact", text, good, advice)
 
 
 HAND, WALL = 0.3, 0.5  # m: of a hand from a sensor or corner, and of a wall from the front edge
@@ -288,8 +266,47 @@ _HEARD = 0.5  # m: nearer echoes of ultrasonics are of the hand
 _BY_EYE = 0.15  # m: a hand is held so exactly
 _WALL_OFF, _WALL_TURNED = 0.05, math.radians(6.0)  # a wall is placed so exactly, with a rule
 _HELD, _STILL = 1.0, 0.05  # s, m: a hand is held for this time within this distance
+_FAN = math.radians(12.0)  # to each side of ahead, in which the wall is looked for
+_FLAT = 0.02  # m: root mean square distance of echoes from a wall; the laser's noise is 15 mm
+_SHARE = 0.7  # least share of echoes on the wall
+_TURNED = math.radians(25.0)  # greatest angle between heading and wall normal
 
 
+class Wall(NamedTuple):
+    """A wall ahead, in the chair's frame."""
+
+    distance: float  # m, of the axle's centre from it
+    bearing: float  # rad, of its foot
+
+
+def fit_wall(echoes: Array) -> Wall:
+    """The wall that echoes (n, 2) [m] ahead lie on.
+
+    Raises:
+        ValueError: they do not lie on one.
+    """
+    if len(echoes) < 20:
+        raise ValueError("the laser sees no wall ahead: face a flat one")
+    x, y = echoes.T
+    near = np.abs(x - np.median(x)) < 1.0
+    for _ in range(8):
+        slope, start = np.polyfit(y[near], x[near], 1)
+        off = np.abs(x - start - slope * y) / math.hypot(1.0, slope)
+        near = off < max(3.0 * _FLAT, 2.0 * float(np.median(off)))
+        near = near & (off < 3.0 * _FLAT) if (off < 3.0 * _FLAT).sum() >= 20 else near
+    rms = float(np.sqrt(np.mean(off[near] ** 2)))
+    if near.mean() < _SHARE or rms > _FLAT:
+        raise ValueError("the laser finds no flat wall ahead: face one")
+    bearing = -math.atan(slope)
+    if abs(bearing) > _TURNED:
+        raise ValueError(
+            f"the wall ahead is turned by {math.degrees(bearing):.0f} deg; expected to face it "
+            f"within {math.degrees(_TURNED):.0f} deg"
+        )
+    return Wall(float(start) * math.cos(bearing), bearing)
+
+
+@dataclass(frozen=True)
 class Orientation:
     """Asks a person for a hand before each sensor, then for a wall.
 
@@ -304,16 +321,11 @@ class Orientation:
         patience: time that the person has for each request [s].
     """
 
-    def __init__(
-        self,
-        senses: BoardSensors,
-        clock: Clock,
-        footprint: Footprint,
-        ask: Callable[[str], None],
-        patience: float = 30.0,
-    ) -> None:
-        self.senses, self.clock, self.ask, self.patience = senses, clock, ask, patience
-        self._front, self._rear, self._half = footprint.array.tolist()
+    senses: BoardSensors
+    clock: Clock
+    footprint: Footprint
+    ask: Callable[[str], None]
+    patience: float = 30.0
 
     def run(self) -> list[Finding]:
         """Return the findings of all sensors that have sent data."""
@@ -328,7 +340,8 @@ class Orientation:
 
     def _laser_sees(self, k: int, side: str, sign: float) -> Finding:
         ahead = abs(self.senses.sensors.lasers[k].yaw) < 0.5 * math.pi
-        x, y = self._front if ahead else -self._rear, sign * (self._half + HAND)
+        outline = self.footprint
+        x, y = outline.front if ahead else -outline.rear, sign * (outline.half_width + HAND)
         corner = f"{'front' if ahead else 'rear'} {side} corner"
         what = f"hold a hand {HAND:g} m {side} of the {corner}"
         seen = self._await(what, functools.partial(self._near, k))
@@ -350,7 +363,7 @@ class Orientation:
         seen = self._await(what, self._flat)
         if seen is None:
             return _finding("laser", "wall ahead", "not seen", False)
-        far, turned = seen[0] - self._front, seen[1]
+        far, turned = seen[0] - self.footprint.front, seen[1]
         good = bool(abs(far - WALL) <= _WALL_OFF and abs(turned) <= _WALL_TURNED)
         text = f"{far:.2f} m before the front edge, turned by {math.degrees(turned):.0f} deg"
         return _finding("laser", "wall ahead", text, good)
@@ -391,11 +404,14 @@ class Orientation:
 
     def _flat(self) -> Array | None:
         """Return distance [m] from the axle's centre and bearing [rad] of a near wall, if any."""
+        laser, (ranges, _, _) = self.senses.sensors.laser, self.senses.ranges(self.clock.now())
+        echoes = read_scan(laser, ranges[: laser.beams]).echoes
+        aside = np.arctan2(echoes[:, 1] - laser.y, echoes[:, 0] - laser.x)
         try:
-            wall = fit_wall(echoes_ahead(self.senses, self.senses.ranges(self.clock.now())[0]))
+            wall = fit_wall(echoes[np.abs(aside) <= _FAN])
         except ValueError:
             return None
-        return np.array(wall) if wall.distance < self._front + 2.0 * WALL else None
+        return np.array(wall) if wall.distance < self.footprint.front + 2.0 * WALL else None
 
 
 def _place(x: float, y: float) -> str:

@@ -1,4 +1,7 @@
-"""An emulated board: firmware built from source, and run on simavr to exact cycles."""
+"""An emulated board: firmware built from source, and run on simavr to exact cycles; its cable.
+
+No time passes in a cable: the owner of the twin runs it.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +12,7 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -18,19 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.base.settings import InputError
+from wheelchair_gym.hardware.boards import protocol
 from wheelchair_gym.hardware.boards.parameters import NAMES
-from wheelchair_gym.hardware.boards.protocol import (
-    Answer,
-    Identify,
-    Identity,
-    Message,
-    Parameter,
-    Receiver,
-    Save,
-    Set,
-    Status,
-    encode,
-)
 from wheelchair_gym.types import NotCopyable
 
 FIRMWARE = Path(__file__).resolve().parents[1] / "firmware"
@@ -61,11 +54,8 @@ def missing_tools(target: str) -> list[str]:
     """Tools that a target needs and that are not installed; none where it is built already."""
     if (_folder() / target).exists():
         return []
-    return [
-        need
-        for need in _NEEDS[target]
-        if not (_SIMAVR.exists() if need == "simavr" else shutil.which(need))
-    ]
+    there = {"simavr": _SIMAVR.exists()}
+    return [need for need in _NEEDS[target] if not there.get(need, shutil.which(need))]
 
 
 @cache
@@ -88,12 +78,8 @@ def build_target(target: str) -> Path:
         ) from None
     # Other processes may build the same target: each builds in a folder of its own, then moves it.
     with tempfile.TemporaryDirectory(dir=path.parent) as aside:
-        made = subprocess.run(
-            ["make", "-s", "-C", str(FIRMWARE), f"BUILD={aside}", f"{aside}/{target}"],
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+        command = ["make", "-s", "-C", str(FIRMWARE), f"BUILD={aside}", f"{aside}/{target}"]
+        made = subprocess.run(command, capture_output=True, text=True, check=False)
         if made.returncode:
             lines = made.stderr.strip().splitlines()
             raise InputError(f"{target} was not built: {lines[0] if lines else made.returncode}")
@@ -243,6 +229,90 @@ class EmulatedBoard(NotCopyable):
             self._board = None
 
 
+@dataclass
+class LineNoise:
+    """Errors of a cable, in both directions."""
+
+    corrupt: float = 0.0  # share of bytes replaced by random ones
+    flip: float = 0.0  # share of bytes with one bit wrong
+    drop: float = 0.0  # share of bytes that are lost
+    burst: float = 0.0  # share of bytes at which 20 random ones begin
+
+
+_BURST = 20
+
+
+@dataclass
+class SerialCable:
+    """One board's cable, and the port at the host's end; bytes pass when the host reads and writes.
+
+    Attributes:
+        board: at the other end.
+        rng: of the errors.
+        noise: errors of the bytes.
+        plugged: false: both ends receive nothing, and the host gets an error.
+        resets_on_open: the board is reset when a host opens the port, as an Arduino is.
+        log: bytes that the board has sent, without errors, while it is a list.
+    """
+
+    board: EmulatedBoard
+    rng: np.random.Generator
+    noise: LineNoise = field(default_factory=LineNoise)
+    plugged: bool = True
+    resets_on_open: bool = False
+    log: list[bytes] | None = None
+
+    def open(self) -> SerialCable:
+        """The port that a host opens.
+
+        Raises:
+            OSError: the cable is unplugged.
+        """
+        self._check()
+        if self.resets_on_open:
+            self.board.reset()
+        return self
+
+    def write(self, data: bytes) -> int:
+        """Send bytes from the host to the board."""
+        self._check()
+        self.board.write(self._with_noise(data))
+        return len(data)
+
+    def receive(self) -> bytes:
+        """All bytes that the board has sent; none where the cable is unplugged."""
+        data = self.board.read()
+        if self.log is not None:
+            self.log.append(data)
+        return self._with_noise(data) if self.plugged else b""
+
+    def read_all(self) -> bytes:
+        """All bytes that the board has sent, for the host."""
+        self._check()
+        return self.receive()
+
+    def close(self) -> None:
+        """Close the port; the cable stays."""
+
+    def _check(self) -> None:
+        if not self.plugged:
+            raise OSError("the board is unplugged")
+
+    def _with_noise(self, data: bytes) -> bytes:
+        noise = self.noise
+        if not data or not (noise.corrupt or noise.flip or noise.drop or noise.burst):
+            return data
+        rng, n = self.rng, len(data)
+        out = np.frombuffer(data, np.uint8).copy()
+        changed = rng.random(n) < noise.corrupt
+        for start in np.flatnonzero(rng.random(n) < noise.burst):
+            changed[start : start + _BURST] = True
+        out[changed] = rng.integers(0, 256, int(changed.sum()))
+        flipped = rng.random(n) < noise.flip
+        out[flipped] ^= np.uint8(1) << rng.integers(0, 8, int(flipped.sum()), dtype=np.uint8)
+        return out[rng.random(n) >= noise.drop].tobytes()
+
+
 _BOOT = FREQUENCY // 10  # cycles
 _ANSWER = FREQUENCY // 100
 _SAVED = FREQUENCY  # a byte of EEPROM each control run of 5 ms, at most 32 parameters of 4
@@ -263,12 +333,12 @@ def stored_parameters(
     board, names = EmulatedBoard(mcu, target, bauds), NAMES[target.removesuffix(".elf")]
     board.run(_BOOT)
     for name, value in wanted:
-        answer = _request(board, Set(names.index(name), value), Parameter)
-        if answer is None or answer.status != Status.DONE:
+        answer = _request(board, protocol.Set(names.index(name), value), protocol.Parameter)
+        if answer is None or answer.status != protocol.Status.DONE:
             raise InputError(f"the board refuses {name} = {value:g}")
-    _request(board, Save(), Answer)
+    _request(board, protocol.Save(), protocol.Answer)
     board.run(board.cycle + _SAVED)
-    identity = _request(board, Identify(), Identity)
+    identity = _request(board, protocol.Identify(), protocol.Identity)
     if identity is None or not identity.stored:
         raise InputError("the board does not keep its parameters")
     content = board.eeprom(_SIZE)
@@ -276,11 +346,11 @@ def stored_parameters(
     return content
 
 
-def _request(board: EmulatedBoard, message: Message, kind: type) -> Any:
+def _request(board: EmulatedBoard, message: protocol.Message, kind: type) -> Any:
     """The answer of a kind to a message, or None."""
-    receiver = Receiver()
+    receiver = protocol.Receiver()
     board.read()
-    board.write(b"\0" + encode(message, 0))
+    board.write(b"\0" + protocol.encode(message, 0))
     board.run(board.cycle + _ANSWER)
     messages = [frame.message for frame in receiver.feed(board.read())]
     return next((answer for answer in messages if isinstance(answer, kind)), None)

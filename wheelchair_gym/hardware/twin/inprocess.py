@@ -16,8 +16,7 @@ from wheelchair_gym.hardware.boards.senses import BoardSensors
 from wheelchair_gym.hardware.chair import HardwareChair
 from wheelchair_gym.hardware.registry import check_extras
 from wheelchair_gym.hardware.settings import HardwareSettings
-from wheelchair_gym.hardware.twin.board import TARGETS, build_target
-from wheelchair_gym.hardware.twin.cable import SerialCable
+from wheelchair_gym.hardware.twin.board import TARGETS, SerialCable, build_target
 from wheelchair_gym.hardware.twin.lockstep import Twin
 from wheelchair_gym.hardware.twin.plant import TIME_STEP, Plant, PlantSettings
 from wheelchair_gym.sensors.settings import SensorSettings

@@ -10,18 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.base.settings import InputError
-from wheelchair_gym.hardware.laser.scip import (
-    DONE_ALREADY,
-    ERRORS_UP_TO,
-    LASER_OFF,
-    NO_ECHO_FROM,
-    OK,
-    STAMP_WRAP,
-    Reply,
-    Specs,
-    encode_numbers,
-    encode_scan,
-)
+from wheelchair_gym.hardware.laser import scip
 from wheelchair_gym.sensors.settings import LaserSettings
 
 _BAD_STEPS, _UNKNOWN = "05", "0E"  # status
@@ -36,7 +25,7 @@ class ScipSensor:
         streaming: the scan request being served; empty when idle.
     """
 
-    def __init__(self, specs: Specs) -> None:
+    def __init__(self, specs: scip.Specs) -> None:
         self.specs = specs
         self.on = False
         self.time = 0
@@ -65,33 +54,33 @@ class ScipSensor:
             self._left -= 1
             if self._left == 0:
                 self.streaming = ""
-        return encode_scan(request, millimetres, self.specs.first, stamp)
+        return scip.encode_scan(request, millimetres, self.specs.first, stamp)
 
     def _answer(self, request: str) -> bytes:
         lines = self.specs.encode() if request[:2] == "PP" else ()
         if request == "TM1":
-            lines = (encode_numbers([self.time % STAMP_WRAP], 4),)
-        return Reply(request, self._obey(request), lines).encode()
+            lines = (scip.encode_numbers([self.time % scip.STAMP_WRAP], 4),)
+        return scip.Reply(request, self._obey(request), lines).encode()
 
     def _obey(self, request: str) -> str:
         """Carry out a request; returns the status of the reply."""
         command = request[:2]
         if command == "PP" or request in ("TM0", "TM1", "TM2"):
-            return OK
+            return scip.OK
         if command == "BM":
             before, self.on = self.on, True
-            return DONE_ALREADY if before else OK
+            return scip.DONE_ALREADY if before else scip.OK
         if command in ("QT", "RS", "RB"):
             self.on, self.streaming = False, ""
-            return OK
+            return scip.OK
         if command == "MD" and len(request) >= 15 and request[2:15].isdecimal():
             first, last = int(request[2:6]), int(request[6:10])
             if not self.specs.first <= first <= last <= self.specs.last:
                 return _BAD_STEPS
             if not self.on:
-                return LASER_OFF
+                return scip.LASER_OFF
             self.streaming, self._left = request, int(request[13:15]) or None
-            return OK
+            return scip.OK
         return _UNKNOWN  # SCIP2.0, too: newer sensors speak nothing else
 
 
@@ -99,7 +88,7 @@ SCAN_PERIOD_MS = 25  # one turn of the mirror: 40 Hz, as a UST-10LX
 _INVALID = 1  # mm: an error code
 
 
-def sensor_specs(laser: LaserSettings) -> Specs:
+def sensor_specs(laser: LaserSettings) -> scip.Specs:
     """The specification of a sensor with these beams.
 
     Raises:
@@ -111,14 +100,15 @@ def sensor_specs(laser: LaserSettings) -> Specs:
             f"laser: {laser.beams} beams over {math.degrees(laser.fov):g} deg are no steps of a"
             " Hokuyo; expected an odd number whose spacing divides a turn, such as 1081 over 270"
         )
-    last, farthest = laser.beams - 1, NO_ECHO_FROM - 1
-    return Specs("twin", 20, farthest, round(steps), 0, last, last // 2, 60_000 // SCAN_PERIOD_MS)
+    last, farthest = laser.beams - 1, scip.NO_ECHO_FROM - 1
+    rpm = 60_000 // SCAN_PERIOD_MS
+    return scip.Specs("twin", 20, farthest, round(steps), 0, last, last // 2, rpm)
 
 
 def to_millimetres(ranges: NDArray[np.float32]) -> NDArray[np.int64]:
     """The numbers that a sensor reports for ranges (beams,) [m], REP-117."""
-    numbers = np.where(np.isposinf(ranges), NO_ECHO_FROM, _INVALID).astype(np.int64)
-    numbers[np.isneginf(ranges)] = ERRORS_UP_TO + 1  # too near, and no error code
+    numbers = np.where(np.isposinf(ranges), scip.NO_ECHO_FROM, _INVALID).astype(np.int64)
+    numbers[np.isneginf(ranges)] = scip.ERRORS_UP_TO + 1  # too near, and no error code
     finite = np.isfinite(ranges)
     numbers[finite] = np.round(ranges[finite] * 1000.0)
     return numbers
@@ -146,7 +136,6 @@ class TwinLaser:
     ) -> None:
         self._scan, self._settings, self._now = scan, settings, now
         self._sensor: ScipSensor | None = None
-        self._output = b""
         self._sent: deque[tuple[int, bytes]] = deque()  # when they arrive
         self.plugged, self.silent, self.delay = True, False, 0
 
@@ -158,17 +147,12 @@ class TwinLaser:
         ranges = self._scan(milliseconds // SCAN_PERIOD_MS)
         self._send(sensor.scan(to_millimetres(ranges), milliseconds))
 
-    @property
-    def in_waiting(self) -> int:
-        """Bytes that can be read without waiting."""
+    def read_all(self) -> bytes:
+        """All bytes that have arrived, without waiting."""
         self._check()
-        self._receive()
-        return len(self._output)
-
-    def read(self, size: int) -> bytes:
-        """At most this many bytes, without waiting."""
-        self._receive()
-        data, self._output = self._output[:size], self._output[size:]
+        data = b""
+        while self._sent and self._sent[0][0] <= self._now():
+            data += self._sent.popleft()[1]
         return data
 
     def write(self, data: bytes) -> int:
@@ -184,15 +168,11 @@ class TwinLaser:
 
     def close(self) -> None:
         """Stop the sensor: the host has closed the connection."""
-        self._sensor, self._output = None, b""
+        self._sensor = None
         self._sent.clear()
 
     def _send(self, data: bytes) -> None:
         self._sent.append((self._now() + self.delay, data))
-
-    def _receive(self) -> None:
-        while self._sent and self._sent[0][0] <= self._now():
-            self._output += self._sent.popleft()[1]
 
     def _check(self) -> None:
         if not self.plugged:

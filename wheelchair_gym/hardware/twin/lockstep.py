@@ -103,10 +103,8 @@ class Twin:
     ) -> None:
         self.plant = plant or Plant()
         self.faults = Faults()
-        drive, ranges = (
-            ("atmega2560", "drive.elf", (BAUD, IBUS_BAUD)),
-            ("atmega328p", "range.elf", (BAUD, 0)),
-        )
+        drive = "atmega2560", "drive.elf", (BAUD, IBUS_BAUD)
+        ranges = "atmega328p", "range.elf", (BAUD, 0)
         self.drive, self.range = EmulatedBoard(*drive), EmulatedBoard(*ranges)
         if not new:
             chair = self.plant.chair
@@ -207,11 +205,9 @@ class Twin:
 
     def _terminals(self) -> tuple[float, float]:
         """Duties at the motors: those of the board, changed by the faults."""
-        faults, asked = self.faults, self.duty
-        left, right = (
-            duty if stuck is None else stuck
-            for duty, stuck in zip(asked, faults.stuck_drivers, strict=True)
-        )
+        faults = self.faults
+        pairs = zip(self.duty, faults.stuck_drivers, strict=True)
+        left, right = (duty if stuck is None else stuck for duty, stuck in pairs)
         if faults.swapped_motors:
             left, right = right, left
         inverted = faults.inverted_motors

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator
 from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.actors.bodies import shapes_of, write_actor_shapes
 from wheelchair_gym.actors.separation import move_the_others
-from wheelchair_gym.base.settings import InputError, dump, load, read_json
+from wheelchair_gym.base.settings import InputError, dotted, dump, load, read_json
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.engine import GRAVITY, VX, VY, W, X, Y, body_view
 from wheelchair_gym.hardware.settings import check_boards
@@ -26,12 +25,7 @@ from wheelchair_gym.sensors.laser import sense_laser
 from wheelchair_gym.sensors.settings import OdometrySettings, SensorSettings
 from wheelchair_gym.sensors.ultrasonic import sense_ultrasonic
 from wheelchair_gym.sim.chair import SimulatedChair
-from wheelchair_gym.sim.drive_train import (
-    DriveConstants,
-    drive_constants,
-    physics_step,
-    pull_body,
-)
+from wheelchair_gym.sim.drive_train import DriveConstants, drive_constants, physics_step, pull_body
 from wheelchair_gym.sim.sensor_suite import ranger_of, scanner_of
 from wheelchair_gym.sim.settings import ChairSettings, PhysicsSettings
 from wheelchair_gym.sim.step import chair_row, prepare_step, read_true_state, workspace_of
@@ -132,15 +126,9 @@ def step_plant(
     if world.n_actors > 0:
         move_the_others(world, p.dt)
     read_true_state(state, p, fields)
-    scale = k.counts_per_rad
-    return (
-        state.turned[0] * scale,
-        state.turned[1] * scale,
-        state.voltage,
-        state.twist[0],
-        state.twist[1],
-        max(hit, bump) > p.body.bumper_force * p.dt,
-    )
+    counts = state.turned[0] * k.counts_per_rad, state.turned[1] * k.counts_per_rad
+    bumped = max(hit, bump) > p.body.bumper_force * p.dt
+    return counts[0], counts[1], state.voltage, state.twist[0], state.twist[1], bumped
 
 
 @inlined
@@ -206,15 +194,6 @@ def check_twin(chair: ChairSettings, sensors: SensorSettings) -> None:
             raise InputError(f"chair.randomization draws {name}; {_ABSENT[name]}")
 
 
-def _leaves(values: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Dotted names and values of plain settings."""
-    for key, value in values.items():
-        if isinstance(value, dict):
-            yield from _leaves(value, f"{prefix}{key}.")
-        else:
-            yield prefix + key, value
-
-
 class PlantSettings(NamedTuple):
     """A chair as it is, whatever its computer believes."""
 
@@ -239,8 +218,8 @@ class PlantSettings(NamedTuple):
             for name, base in believed._asdict().items()
         ]
         found = cls(*parts)
-        before = dict(_leaves(dump(believed._asdict())))
-        for key, value in _leaves(dump(found._asdict())):
+        before = dotted(dump(believed._asdict()))
+        for key, value in dotted(dump(found._asdict())).items():
             if value != before.get(key) and not any(fnmatch(key, own) for own in _OWN):
                 raise InputError(
                     f"{file} sets {key}, which the chair's computer decides, not the chair: set "
