@@ -4,6 +4,7 @@ The drive is plain trigonometry, the writers are mcap-ros2-support's and rosbags
 this project takes part in them.
 """
 
+import json
 import math
 import os
 import shutil
@@ -180,6 +181,26 @@ def test_others_bags_give_the_room(writer, tmp_path, capsys):
     assert "150 scans in 14.9 s, 0 lines skipped" in capsys.readouterr().out
     assert found.off < 0.1
     np.testing.assert_allclose(found.size, [WIDTH, DEPTH], atol=0.2)
+
+
+def test_the_chair_is_fitted_to_the_bag_of_another_robot(tmp_path, monkeypatch, capsys):
+    """It turns both ways; its wheels are right, and its laser is where nobody said."""
+
+    def eight(count):
+        for angle in np.linspace(0.0, 4.0 * math.pi, count):
+            x, y = 2.0 * math.sin(angle), 0.9 * math.sin(2.0 * angle)
+            yield x, y, math.atan2(1.8 * math.cos(2.0 * angle), 2.0 * math.cos(angle))
+
+    monkeypatch.setattr(sys.modules[__name__], "poses", eight)
+    bag = write_sqlite(tmp_path / "run", 300)
+    assert main(["fit", str(bag), "--json", str(tmp_path / "fit.json")]) == 0
+    told = json.loads((tmp_path / "fit.json").read_text())
+    values = {one["name"]: one["value"] for one in told["findings"]}
+    assert (values["x"], values["y"]) == pytest.approx((0.3, 0.0), abs=0.01)
+    assert values["scale"] == pytest.approx(1.0, abs=0.01)
+    assert values["torque_constant"] is None
+    assert "motors not seen" in capsys.readouterr().out
+    assert "expected the commands" in refusal(["replay", str(bag), "--simulate"], capsys)
 
 
 @pytest.fixture

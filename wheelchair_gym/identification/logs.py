@@ -13,9 +13,8 @@ from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.errors import InputError
 from wheelchair_gym.geometry.kinematics import DriveGeometry
 from wheelchair_gym.perception import logs
-from wheelchair_gym.recording.read_bags import bag_log, bag_texts, is_bag
+from wheelchair_gym.recording.read_bags import bag_log, is_bag, is_ours
 from wheelchair_gym.recording.replay import RecordedEpisode, read_recording
-from wheelchair_gym.recording.topics import EPISODE
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sim.settings import ChairSettings
 
@@ -111,7 +110,7 @@ def read_drives(file: str | Path, chair: ChairSettings, sensors: SensorSettings)
         found, laser = logs.read_log(file), logs.LASER
         drive = dataclasses.replace(chair.drive, track=logs.TRACK)
         chair = dataclasses.replace(chair, drive=drive)
-    elif is_bag(file) and not bag_texts(file, (EPISODE,)):
+    elif is_bag(file) and not is_ours(file):
         found, laser = bag_log(file)
     else:
         return [_of_recording(file, recorded) for recorded in read_recording(file)]

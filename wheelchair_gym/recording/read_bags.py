@@ -29,6 +29,7 @@ from wheelchair_gym.geometry.planar import compose
 from wheelchair_gym.hardware.ros import messages as ros
 from wheelchair_gym.hardware.ros.make_messages import deserialized
 from wheelchair_gym.perception.logs import SensorLog, log_of_poses
+from wheelchair_gym.recording.topics import EPISODE
 from wheelchair_gym.recording.write_bags import PREFIX
 from wheelchair_gym.sensors.settings import LaserSettings
 
@@ -239,6 +240,15 @@ def _rows(file: Path, wanted: Callable[[str, str], bool]) -> list[Recorded]:
     if not all(isinstance(row.time, int) and isinstance(row.data, bytes) for row in rows):
         raise InputError(f"{file}: expected whole numbers as timestamps and bytes as data")
     return rows
+
+
+def is_ours(path: str | Path) -> bool:
+    """Whether this package has recorded a bag.
+
+    Raises:
+        InputError: see `bag_messages`.
+    """
+    return bool(bag_messages(path, lambda topic, _: topic == PREFIX + EPISODE))
 
 
 def bag_texts(path: str | Path, topics: Sequence[str]) -> list[tuple[str, str]]:

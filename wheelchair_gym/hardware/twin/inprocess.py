@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.settings import InputError
@@ -184,6 +185,21 @@ class EpisodeTwin(NotCopyable, Chair):
     def belief(self) -> Belief:
         """See `HardwareChair.belief`."""
         return self._chair.belief
+
+    @property
+    def wheels(self) -> NDArray[np.void]:
+        """See `HardwareChair.wheels`."""
+        return self._chair.wheels
+
+    @property
+    def scan_stamps(self) -> Sequence[float]:
+        """See `HardwareChair.scan_stamps`."""
+        return self._chair.scan_stamps
+
+    @property
+    def board_parameters(self) -> dict[str, dict[str, float]] | None:
+        """See `HardwareChair.board_parameters`."""
+        return self._chair.board_parameters
 
     @property
     def report(self) -> dict[str, float | str]:
