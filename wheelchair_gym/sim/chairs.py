@@ -35,8 +35,8 @@ _WRITTEN_BY_SENSING = (
 
 def size_workspace(rows: Pointers, columns: int) -> None:
     """Give a record of CHAIRS a workspace of `columns` columns (`columns_of`)."""
-    rows.point("workspace", np.empty((WORKSPACE_ROWS, columns), np.float32))
-    rows.record["columns"] = columns
+    workspace = np.empty((WORKSPACE_ROWS, columns), np.float32)
+    rows.fill(workspace=workspace, columns=columns)
 
 
 def columns_of(episode: Episode) -> int:
@@ -98,28 +98,22 @@ class SimulatedChairs:
 
     def row_pointers(self) -> Pointers:
         """Pointers to the rows, a record (1,) of CHAIRS; the caller adds its workspace."""
-        rows = Pointers(np.zeros(1, CHAIRS), CHAIRS_TARGETS)
-        rows.record["n"] = len(self.states)
-        rows.point("suite", self.suite)
-        rows.point("worlds", self.pointers)
-        for name in ("base", "blank", "parameters", "states"):
-            rows.point(name, getattr(self, name))
-        return rows
+        return Pointers(np.zeros(1, CHAIRS), CHAIRS_TARGETS).fill(
+            n=len(self.states), suite=self.suite, worlds=self.pointers, base=self.base,
+            blank=self.blank, parameters=self.parameters, states=self.states,
+        )  # fmt: skip
 
     def enter(self, i: int, episode: Episode) -> None:
         """Set row i's world to that of an episode."""
         self.worlds[i].reserve_shapes(episode)
         self.episodes[i] = episode
-        place: Any = self.world_rows[i]
-        walls, discs, actors = episode.walls, episode.discs, episode.actors
-        self.pointers.point("walls", walls, i)
-        self.pointers.point("discs", discs, i)
-        place["n_walls"] = place["n_fixed_walls"] = len(walls)
-        place["n_discs"] = place["n_fixed_discs"] = len(discs)
-        place["n_actors"], place["n_routes"] = len(actors), len(actors.routes)
+        n, m, actors = len(episode.walls), len(episode.discs), episode.actors
+        self.pointers.fill(
+            i, walls=episode.walls, n_walls=n, n_fixed_walls=n, discs=episode.discs, n_discs=m,
+            n_fixed_discs=m, n_actors=len(actors), n_routes=len(actors.routes),
+        )  # fmt: skip
         if len(actors):
-            self.pointers.point("actors", actors.rows, i)
-            self.pointers.point("routes", actors.routes, i)
+            self.pointers.fill(i, actors=actors.rows, routes=actors.routes)
 
     def expect_drive(self) -> None:
         """Reserve memory to record one more drive of each row."""

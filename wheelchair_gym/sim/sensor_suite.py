@@ -40,13 +40,12 @@ class SensorSuite(Pointers):
         self._sensors = sensors
         self.scanners = scanner_pointers(sensors, sensors.noise)
         self.order = np.array(sensors.ultrasonic.firing_order, np.int64)
-        r: Any = self.record[0]
         for name in ENGINE.names or ():
-            r[name] = engine_record()[name][0]
-        r["n_scanners"], r["rangers"] = len(self.scanners.record), len(self.order)
-        self.point("scanners", self.scanners)
-        self.point("ranger_rows", ranger_rows(sensors.ultrasonic, sensors.noise))
-        self.point("order", self.order)
+            self.record[name] = engine_record()[name]
+        self.fill(
+            n_scanners=len(self.scanners.record), scanners=self.scanners, rangers=len(self.order),
+            ranger_rows=ranger_rows(sensors.ultrasonic, sensors.noise), order=self.order,
+        )  # fmt: skip
 
     def __reduce__(self) -> tuple[type[SensorSuite], tuple[SensorSettings]]:
         return type(self), (self._sensors,)

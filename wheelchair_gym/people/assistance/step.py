@@ -13,12 +13,7 @@ import numpy as np
 
 from wheelchair_gym.base.arrays import Array, Floats, Rows
 from wheelchair_gym.base.settings import copy_numbers, numbers_of
-from wheelchair_gym.compiled.address import (
-    Pointers,
-    prefetch,
-    read_record,
-    rows_of,
-)
+from wheelchair_gym.compiled.address import Pointers, prefetch, read_record, rows_of
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry.kinematics import action_of_twist, twist_of_action
 from wheelchair_gym.maps import OccupancyGrid
@@ -169,13 +164,12 @@ class Assistants:
     ) -> None:  # fmt: skip
         self.states = np.zeros(0 if method is None else n, ASSISTANT)
         self.pointers = Pointers(np.zeros(1, ASSISTANTS), ASSISTANTS_TARGETS)
-        self.pointers.record["n"] = len(self.states)
+        self.pointers.fill(n=len(self.states), assistants=self.states)
         self._kind = STICK if method is None else KINDS[type(method)]
         self._limits = chair.limits
         if method is not None:
             free = freedom if freedom is not None else method.freedom
             self.pointers.point("constants", self._constants(method, free, chair, sensors, period))
-        self.pointers.point("assistants", self.states)
 
     def _constants(
         self, method: Any, freedom: Freedom, chair: ChairSettings, sensors: SensorSettings,
@@ -183,17 +177,16 @@ class Assistants:
     ) -> Pointers:  # fmt: skip
         pointers = Pointers(np.zeros(1, CONSTANTS), _TARGETS, constant=True)
         p: Any = pointers.record[0]
-        p["kind"], p["period"] = self._kind, period
         copy_numbers(p["method"], method)
         copy_numbers(p["freedom"], freedom)
         for name in ("forward", "backward", "turn", "deceleration"):
             p[name] = getattr(chair.limits, name)
         outline = chair.footprint
-        p["outline"], p["middle"] = outline.array, 0.5 * (outline.front - outline.rear)
-        pointers.point("scanners", scanners_of(sensors))
-        p["n_scanners"] = len(sensors.lasers)
-        pointers.point("directions", sensors.directions)
-        return pointers
+        return pointers.fill(
+            kind=self._kind, period=period, outline=outline.array,
+            middle=0.5 * (outline.front - outline.rear), scanners=scanners_of(sensors),
+            n_scanners=len(sensors.lasers), directions=sensors.directions,
+        )  # fmt: skip
 
     def begin(self) -> None:
         """Reset the only row for a new episode."""
