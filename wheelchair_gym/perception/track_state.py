@@ -56,9 +56,9 @@ class TrackerConstants(Pointers):
         arrays = LaserArrays.of(laser, False)
         super().__init__(np.zeros(1, CONSTANTS), _LASER, constant=True)
         group = -(-laser.beams // SECTORS)
-        self.fill(beams=laser.beams, group=group, sectors=-(-laser.beams // group))
-        for name in ("cosine", "sine", "first", "per_angle", "nearest", "mount", "reach"):
-            self.fill(**{name: getattr(arrays, name)})
+        names = "cosine", "sine", "first", "per_angle", "nearest", "mount", "reach"
+        values = {name: getattr(arrays, name) for name in names}
+        self.fill(beams=laser.beams, group=group, sectors=-(-laser.beams // group), **values)
 
 
 def static_map_pointers(grids: Sequence[OccupancyGrid | None]) -> Pointers:

@@ -17,9 +17,8 @@ from wheelchair_gym.compiled.address import Pointers
 from wheelchair_gym.sensors.laser import WORKSPACE_ROWS
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sim.fault_injection import PAST
-from wheelchair_gym.sim.sensor_suite import SensorSuite
 from wheelchair_gym.sim.settings import ChairSettings, PhysicsSettings
-from wheelchair_gym.sim.state import STATE, parameters
+from wheelchair_gym.sim.state import STATE, SensorSuite, parameters
 from wheelchair_gym.sim.step import CHAIRS, CHAIRS_TARGETS, replay_drives
 from wheelchair_gym.sim.world import TARGETS, WORLD, World
 from wheelchair_gym.types import Episode

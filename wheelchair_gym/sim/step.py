@@ -48,8 +48,8 @@ from wheelchair_gym.sim.drive_train import (
     update_explained_motion,
 )
 from wheelchair_gym.sim.fault_injection import apply_fault, draw_fault
-from wheelchair_gym.sim.sensor_suite import SUITE, ranger_of, scanner_of
-from wheelchair_gym.sim.state import PARAMETER, SENSED, STATE, randomize_parameters
+from wheelchair_gym.sim.randomization import randomize_parameters
+from wheelchair_gym.sim.state import PARAMETER, SENSED, STATE, SUITE, ranger_of, scanner_of
 from wheelchair_gym.sim.world import WORLD, enter_world, measure_clearance, touchable_space
 
 _TOUCH = 1e-6  # N s: smaller impulses are rounding

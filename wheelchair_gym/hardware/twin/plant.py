@@ -32,8 +32,8 @@ from wheelchair_gym.sim.drive_train import (
     physics_step,
     pull_body,
 )
-from wheelchair_gym.sim.sensor_suite import ranger_of, scanner_of
 from wheelchair_gym.sim.settings import ChairSettings, PhysicsSettings
+from wheelchair_gym.sim.state import ranger_of, scanner_of
 from wheelchair_gym.sim.step import chair_row, prepare_step, read_true_state, workspace_of
 from wheelchair_gym.types import Episode
 
