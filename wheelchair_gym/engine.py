@@ -89,7 +89,7 @@ def _find_body() -> np.dtype[np.void]:
     body.angle, body.angular_velocity, body.torque = m["angle"], m["w"], m["torque"]
     places = _field_offsets(body._body, BODY_DOUBLES, m)
     offsets = [8 * place for place in places.values()]
-    form = {"names": [*places], "formats": len(places) * ["f8"], "offsets": offsets}
+    form: Any = {"names": [*places], "formats": len(places) * ["f8"], "offsets": offsets}
     return np.dtype(form | {"itemsize": 8 * BODY_DOUBLES}, align=True)
 
 

@@ -43,8 +43,8 @@ def closed_loops(walls: ArrayLike) -> list[Array]:
         home, here = keys[first]
         chain = [segments[first, 0], segments[first, 1]]
         while here != home:
-            k = next((other for other in reversed(meeting[here]) if not used[other]), None)
-            if k is None:
+            k = next((other for other in reversed(meeting[here]) if not used[other]), -1)
+            if k < 0:
                 break
             used[k] = True
             far = 1 if keys[k][0] == here else 0
