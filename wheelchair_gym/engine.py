@@ -80,7 +80,7 @@ def _field_offsets(
     return {name: int(places[0]) for name, places in found.items()}
 
 
-def _find_body() -> np.dtype[np.void]:
+def _find_body() -> Any:
     """Return the record of a cpBody: the fields of `_MARKS`, where Munk2D keeps them."""
     m = _MARKS
     body = pymunk.Body(m["mass"], m["moment"])
