@@ -23,7 +23,7 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 from pymunk._chipmunk_cffi import ffi, lib
 
-from wheelchair_gym.compiled.address import doubles_at, integers_at
+from wheelchair_gym.compiled.address import doubles_at, integers_at, rows_of
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 
 PIN = ">=7.3,<7.4"
@@ -80,14 +80,17 @@ def _field_offsets(
     return {name: int(places[0]) for name, places in found.items()}
 
 
-def _find_offsets() -> Any:
-    """Return the offsets of the fields of cpBody, counted in doubles."""
+def _find_body() -> Any:
+    """Return the record of a cpBody: the fields of `_MARKS`, where Munk2D keeps them."""
     m = _MARKS
     body = pymunk.Body(m["mass"], m["moment"])
     body.position, body.velocity = (m["x"], m["y"]), (m["vx"], m["vy"])
     body.force = m["fx"], m["fy"]
     body.angle, body.angular_velocity, body.torque = m["angle"], m["w"], m["torque"]
-    return _named("Offsets", _field_offsets(body._body, BODY_DOUBLES, m))
+    places = _field_offsets(body._body, BODY_DOUBLES, m)
+    offsets = [8 * place for place in places.values()]
+    form: Any = {"names": [*places], "formats": len(places) * ["f8"], "offsets": offsets}
+    return np.dtype(form | {"itemsize": 8 * BODY_DOUBLES}, align=True)
 
 
 def _find_shape_offsets() -> Any:
@@ -141,7 +144,7 @@ def _find_counter() -> int:
     return int(rises[0])
 
 
-OFFSETS = _find_offsets()
+BODY = _find_body()
 SHAPE = _find_shape_offsets()
 COUNTER = _find_counter()
 
@@ -199,14 +202,13 @@ _FUNCTIONS = {
     "new_circle": "cpCircleShapeNew",
 }
 ENGINE = np.dtype([(name, "u8") for name in _FUNCTIONS])
-X, Y, VX, VY, FX, FY = (OFFSETS.x, OFFSETS.y, OFFSETS.vx, OFFSETS.vy, OFFSETS.fx, OFFSETS.fy)
-ANGLE, W, TORQUE = OFFSETS.angle, OFFSETS.w, OFFSETS.torque
+_bodies_at = rows_of(BODY)
 
 
 @inlined
-def body_view(address: np.uint64) -> NDArray[np.float64]:
-    """Return the fields of a cpBody at an address, to read and write in place."""
-    return doubles_at(address, BODY_DOUBLES)
+def body_view(address: np.uint64) -> Any:
+    """Return the cpBody at an address, a record of BODY, to read and write in place."""
+    return _bodies_at(address, 1)[0]
 
 
 @borrowing_kernel
@@ -304,9 +306,9 @@ def place_body(
 ) -> None:
     """Put a body at rest at (x, y) [m] and an angle [rad], with no force on it."""
     fields = body_view(body)
-    fields[X], fields[Y] = x, y
-    fields[VX], fields[VY], fields[W] = 0.0, 0.0, 0.0
-    fields[FX], fields[FY], fields[TORQUE] = 0.0, 0.0, 0.0
+    fields.x, fields.y = x, y
+    fields.vx, fields.vy, fields.w = 0.0, 0.0, 0.0
+    fields.fx, fields.fy, fields.torque = 0.0, 0.0, 0.0
     _call_double(engine.turn, body, angle)
     _call_pair(engine.reindex, space, body)
 
@@ -314,28 +316,28 @@ def place_body(
 @borrowing_kernel
 def turn_body(engine: Any, body: np.uint64) -> None:
     """Update the values that Munk2D derives from a body's place and angle."""
-    _call_double(engine.turn, body, body_view(body)[ANGLE])
+    _call_double(engine.turn, body, body_view(body).angle)
 
 
 @inlined
 def move_freely(body: np.uint64, dt: float) -> None:
     """Move a body that nothing touches as `step_space` does, to the bit, without its Space."""
     fields = body_view(body)
-    fields[X] += fields[VX] * dt
-    fields[Y] += fields[VY] * dt
-    fields[ANGLE] += fields[W] * dt
-    fields[VX] += fields[FX] * fields[OFFSETS.mass_inverse] * dt
-    fields[VY] += fields[FY] * fields[OFFSETS.mass_inverse] * dt
-    fields[W] += fields[TORQUE] * fields[OFFSETS.moment_inverse] * dt
-    fields[FX], fields[FY], fields[TORQUE] = 0.0, 0.0, 0.0
+    fields.x += fields.vx * dt
+    fields.y += fields.vy * dt
+    fields.angle += fields.w * dt
+    fields.vx += fields.fx * fields.mass_inverse * dt
+    fields.vy += fields.fy * fields.mass_inverse * dt
+    fields.w += fields.torque * fields.moment_inverse * dt
+    fields.fx, fields.fy, fields.torque = 0.0, 0.0, 0.0
 
 
 @borrowing_kernel
 def set_mass(body: np.uint64, mass: float, moment: float) -> None:
     """Give a body its mass [kg] and its moment of inertia [kg m2]; infinite ones: kinematic."""
     fields = body_view(body)
-    fields[OFFSETS.mass], fields[OFFSETS.mass_inverse] = mass, 1.0 / mass
-    fields[OFFSETS.moment], fields[OFFSETS.moment_inverse] = moment, 1.0 / moment
+    fields.mass, fields.mass_inverse = mass, 1.0 / mass
+    fields.moment, fields.moment_inverse = moment, 1.0 / moment
 
 
 @borrowing_kernel
@@ -365,10 +367,10 @@ def _pushed_by_address(
         change_space(engine.add, space, shape)
     place_body(engine, space, body, 0.1, -0.05, 0.2)
     for k in range(n):
-        fields[FX] = 40.0
-        fields[TORQUE] = 3.0 * (k % 3)
+        fields.fx = 40.0
+        fields.torque = 3.0 * (k % 3)
         step_space(engine.step, space, 0.01)
-    return float(fields[X] + fields[Y] + fields[ANGLE] + pushed[X] + pushed[Y] + pushed[ANGLE])
+    return float(fields.x + fields.y + fields.angle + pushed.x + pushed.y + pushed.angle)
 
 
 def engine_record() -> NDArray[np.void]:

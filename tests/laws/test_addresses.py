@@ -26,7 +26,7 @@ TABLES = {
     "wheelchair_gym.safety.shield": ("SHIELDS",),
     "wheelchair_gym.safety.state": ("CONSTANTS",),
     "wheelchair_gym.sim.chairs": ("WORLD", "CHAIRS"),
-    "wheelchair_gym.sim.sensor_suite": ("SUITE",),
+    "wheelchair_gym.sim.state": ("SUITE",),
     "wheelchair_gym.sensors.laser": ("SCANNER",),
     "wheelchair_gym.task.prepared_episode": ("PREPARED",),
     "wheelchair_gym.task.task": ("RULES", "TASK"),

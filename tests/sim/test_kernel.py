@@ -11,7 +11,7 @@ from tests.sim.worlds import busy, cluttered, exact_chair
 from wheelchair_gym.actors.bodies import PARKING, read_actor_poses
 from wheelchair_gym.actors.records import DOOR, FURNITURE, NOBODY, OBSTACLE, PERSON
 from wheelchair_gym.compiled.address import address_of
-from wheelchair_gym.engine import ANGLE, BODY_DOUBLES, FX, FY, TORQUE, VX, VY, W, X, Y
+from wheelchair_gym.engine import BODY
 from wheelchair_gym.geometry.kinematics import Limits
 from wheelchair_gym.sim import drive_train
 from wheelchair_gym.sim import step as period
@@ -92,11 +92,11 @@ class Oracle:
         for body, row in zip(self.actors, self.rows, strict=True):
             if row["kind"] != OBSTACLE:
                 self.put(body, *row["pose"].tolist())
-        self.fields = np.zeros((1 + len(self.actors), BODY_DOUBLES))
-        lent.chairs.world_rows["body"] = address_of(self.fields[0])
+        self.fields = np.zeros(1 + len(self.actors), BODY).view(np.recarray)
+        lent.chairs.world_rows["body"] = address_of(self.fields[:1])
         actor_states = lent.chairs.pointers.array("actor_states")
-        for k, fields in enumerate(self.fields[1:]):
-            actor_states["body"][k] = address_of(fields)
+        for k in range(len(self.actors)):
+            actor_states["body"][k] = address_of(self.fields[1 + k : 2 + k])
         self.read()
 
     def put(self, body, x, y, angle):
@@ -106,9 +106,9 @@ class Oracle:
 
     def read(self):
         for body, fields in zip([self.body, *self.actors], self.fields, strict=True):
-            fields[[X, Y]], fields[[VX, VY]] = body.position, body.velocity
-            fields[ANGLE], fields[W] = body.angle, body.angular_velocity
-            fields[[FX, FY, TORQUE]] = 0.0
+            (fields.x, fields.y), (fields.vx, fields.vy) = body.position, body.velocity
+            fields.angle, fields.w = body.angle, body.angular_velocity
+            fields.fx = fields.fy = fields.torque = 0.0
 
     def carry(self, engine, world):
         actor_states = self.lent.chairs.pointers.array("actor_states")
@@ -120,14 +120,14 @@ class Oracle:
             actor_states["relocate"][k] = 0
             fields = self.fields[1 + k]
             if row["kind"] != OBSTACLE:
-                body.velocity, body.angular_velocity = fields[[VX, VY]].tolist(), fields[W]
+                body.velocity, body.angular_velocity = (fields.vx, fields.vy), fields.w
             if row["kind"] in (PERSON, FURNITURE):
-                body.force, body.torque = fields[[FX, FY]].tolist(), fields[TORQUE]
+                body.force, body.torque = (fields.fx, fields.fy), fields.torque
 
     def step(self, state, p, k, space, body, engine):
         def step_space(engine, space, dt):
             own = self.fields[0]
-            self.body.force, self.body.torque = own[[FX, FY]].tolist(), own[TORQUE]
+            self.body.force, self.body.torque = (own.fx, own.fy), own.torque
             self.space.step(dt)
             self.read()
             for body in (self.body, *self.actors):

@@ -31,16 +31,7 @@ from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.compiled.address import doubles_at, integers_at, read_record, rows_of, table_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.engine import (
-    ANGLE,
-    FX,
-    FY,
     GRAVITY,
-    TORQUE,
-    VX,
-    VY,
-    W,
-    X,
-    Y,
     body_view,
     change_space,
     place_body,
@@ -52,6 +43,7 @@ from wheelchair_gym.engine import (
     step_space,
     turn_body,
 )
+from wheelchair_gym.geometry.outline import rectangle_point_gap
 from wheelchair_gym.geometry.planar import point_to_world, world_to_body, wrap
 
 ACTOR_STATE = read_record("ACTOR_STATE", globals())[0]
@@ -102,6 +94,15 @@ def offset_from_outline(
     qx = min(p.outline[0], max(-p.outline[1], px))
     qy = min(p.outline[2], max(-p.outline[2], py))
     return qx, qy, px - qx, py - qy
+
+
+@borrowing_kernel
+def distance_to_chair(p: Any, pose: Array, x: float, y: float) -> float:
+    """Distance [m] from the outline of a chair at a pose (3,) to a point."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    dx, dy = x - pose[0], y - pose[1]
+    px, py = world_to_body(c, s, dx, dy)
+    return rectangle_point_gap(px, py, p.outline[:])
 
 
 @borrowing_kernel
@@ -245,7 +246,7 @@ def add_actors(engine: Any, world: Any) -> None:
 @borrowing_kernel
 def _read_pose(state: Any) -> None:
     fields = body_view(state.body)
-    state.pose[0], state.pose[1], state.pose[2] = fields[X], fields[Y], fields[ANGLE]
+    state.pose[0], state.pose[1], state.pose[2] = fields.x, fields.y, fields.angle
 
 
 @borrowing_kernel
@@ -313,7 +314,7 @@ def leg_force(row: Any, ax: float, ay: float) -> tuple[float, float]:
 
 
 @borrowing_kernel
-def _move_trolley(row: Any, state: Any, walker: Any, fields: Array) -> None:
+def _move_trolley(row: Any, state: Any, walker: Any, fields: Any) -> None:
     """The force of arms that keeps a trolley before or behind a person, no more than legs give.
 
     It turns about that person, and no corner of it wants to be faster than FASTEST.
@@ -323,40 +324,40 @@ def _move_trolley(row: Any, state: Any, walker: Any, fields: Array) -> None:
     turn = wrap(walker.facing - state.pose[2]) / _RELAXATION_TIME
     turn = max(-_TROLLEY_TURN, min(_TROLLEY_TURN, turn))
     walks = body_view(walker.body)
-    vx = walks[VX] - turn * oy + (walker.pose[0] + ox - state.pose[0]) / _TROLLEY_LAG
-    vy = walks[VY] + turn * ox + (walker.pose[1] + oy - state.pose[1]) / _TROLLEY_LAG
+    vx = walks.vx - turn * oy + (walker.pose[0] + ox - state.pose[0]) / _TROLLEY_LAG
+    vy = walks.vy + turn * ox + (walker.pose[1] + oy - state.pose[1]) / _TROLLEY_LAG
     share = min(1.0, (FASTEST - abs(turn) * extent(row)) / max(math.sqrt(vx * vx + vy * vy), 1e-9))
     vx, vy = share * vx, share * vy
-    ax, ay = (vx - fields[VX]) / _TROLLEY_GRIP, (vy - fields[VY]) / _TROLLEY_GRIP
-    fields[FX], fields[FY] = leg_force(row, ax, ay)
+    ax, ay = (vx - fields.vx) / _TROLLEY_GRIP, (vy - fields.vy) / _TROLLEY_GRIP
+    fields.fx, fields.fy = leg_force(row, ax, ay)
     maximum = row.mass * LEG_FORCE / MASS * abs(row.offset[0])
-    torque = inertia(row) * (turn - fields[W]) / _TROLLEY_GRIP
-    fields[TORQUE] = max(-maximum, min(maximum, torque))
+    torque = inertia(row) * (turn - fields.w) / _TROLLEY_GRIP
+    fields.torque = max(-maximum, min(maximum, torque))
 
 
 @borrowing_kernel
-def _apply_floor_friction(row: Any, fields: Array, dt: float) -> None:
+def _apply_floor_friction(row: Any, fields: Any, dt: float) -> None:
     """Friction on the floor: slows what slides and turns, and never turns it round."""
-    speed = math.sqrt(fields[VX] * fields[VX] + fields[VY] * fields[VY])
+    speed = math.sqrt(fields.vx * fields.vx + fields.vy * fields.vy)
     bound = row.friction * row.mass * GRAVITY
     if speed > 0.0:
         share = min(bound, row.mass * speed / dt) / speed
-        fields[FX], fields[FY] = -share * fields[VX], -share * fields[VY]
-    if fields[W] != 0.0:
+        fields.fx, fields.fy = -share * fields.vx, -share * fields.vy
+    if fields.w != 0.0:
         maximum = bound * math.sqrt(_squared_size(row)) / _FRICTION_LEVER
-        fields[TORQUE] = -math.copysign(min(maximum, inertia(row) * abs(fields[W]) / dt), fields[W])
+        fields.torque = -math.copysign(min(maximum, inertia(row) * abs(fields.w) / dt), fields.w)
 
 
 @borrowing_kernel
-def _set_leaf_velocity(row: Any, state: Any, fields: Array, dt: float) -> None:
+def _set_leaf_velocity(row: Any, state: Any, fields: Any, dt: float) -> None:
     """The velocity of a leaf that takes it where `hold_leaves` has allowed it to go."""
     c, s = math.cos(row.pose[2]), math.sin(row.pose[2])
     way = state.opening * row.travel
     if row.swings:
-        fields[W] = (row.pose[2] + way - fields[ANGLE]) / dt
+        fields.w = (row.pose[2] + way - fields.angle) / dt
     else:
-        fields[VX] = (row.pose[0] + c * way - fields[X]) / dt
-        fields[VY] = (row.pose[1] + s * way - fields[Y]) / dt
+        fields.vx = (row.pose[0] + c * way - fields.x) / dt
+        fields.vy = (row.pose[1] + s * way - fields.y) / dt
 
 
 @borrowing_kernel
@@ -367,9 +368,9 @@ def apply_forces(world: Any, p: Any) -> None:
         row, state = rows[k], actor_states[k]
         fields = body_view(state.body)
         if row.kind == PERSON:
-            ax = (state.preferred_velocity[0] - fields[VX]) / _RELAXATION_TIME
-            ay = (state.preferred_velocity[1] - fields[VY]) / _RELAXATION_TIME
-            fields[FX], fields[FY] = leg_force(row, ax, ay)
+            ax = (state.preferred_velocity[0] - fields.vx) / _RELAXATION_TIME
+            ay = (state.preferred_velocity[1] - fields.vy) / _RELAXATION_TIME
+            fields.fx, fields.fy = leg_force(row, ax, ay)
         elif row.kind == FURNITURE:
             if row.leader > 0:
                 _move_trolley(row, state, actor_states[k - row.leader], fields)
@@ -377,7 +378,7 @@ def apply_forces(world: Any, p: Any) -> None:
                 _apply_floor_friction(row, fields, p.dt)
         elif row.kind == DOOR:
             _set_leaf_velocity(row, state, fields, p.dt)
-        state.twist[0], state.twist[1], state.twist[2] = fields[VX], fields[VY], fields[W]
+        state.twist[0], state.twist[1], state.twist[2] = fields.vx, fields.vy, fields.w
 
 
 @borrowing_kernel

@@ -5,24 +5,15 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from wheelchair_gym.actors.bodies import actors_of, extent
+from wheelchair_gym.actors.bodies import actors_of, distance_to_chair, extent
 from wheelchair_gym.actors.records import DOOR, OBSTACLE, PERSON
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.compiled.address import doubles_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.geometry.outline import rectangle_point_gap, rectangle_segment_gap
-from wheelchair_gym.geometry.planar import point_segment_distance, world_to_body
+from wheelchair_gym.geometry.outline import rectangle_segment_gap
+from wheelchair_gym.geometry.planar import point_segment_distance
 
 _SPACING = 0.30  # m that an obstacle keeps from other actors when it appears
-
-
-@borrowing_kernel
-def distance_to_chair(p: Any, pose: Array, x: float, y: float) -> float:
-    """Distance [m] from the outline of a chair at a pose (3,) to a point."""
-    c, s = math.cos(pose[2]), math.sin(pose[2])
-    dx, dy = x - pose[0], y - pose[1]
-    px, py = world_to_body(c, s, dx, dy)
-    return rectangle_point_gap(px, py, p.outline[:])
 
 
 @borrowing_kernel

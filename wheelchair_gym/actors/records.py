@@ -89,8 +89,6 @@ class Actors(NamedTuple):
     @property
     def segments(self) -> int:
         """Number of segments that they show to the sensors."""
-        if not len(self.rows):
-            return 0
         return 4 * (self.leaves + self.boxes)
 
     def route(self, number: int) -> Array:

@@ -14,6 +14,7 @@ from typing import Any, Final
 
 from wheelchair_gym.actors.bodies import (
     actors_of,
+    distance_to_chair,
     extent,
     is_box,
     put_into_space,
@@ -23,9 +24,8 @@ from wheelchair_gym.actors.bodies import (
 from wheelchair_gym.actors.records import DOOR
 from wheelchair_gym.compiled.address import table_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.engine import VX, VY, W, body_view, move_freely
-from wheelchair_gym.geometry.outline import rectangle_point_gap
-from wheelchair_gym.geometry.planar import point_segment_distance, world_to_body
+from wheelchair_gym.engine import body_view, move_freely
+from wheelchair_gym.geometry.planar import point_segment_distance
 
 STEPS_REMEMBERED: Final = 4  # Munk2D keeps what it knows of a contact for three steps after it
 FASTEST: Final = 3.0  # m/s: the outline is never faster
@@ -104,8 +104,7 @@ def _is_beside_chair(row: Any, actor: Any, state: Any, p: Any) -> bool:
     far = reach + max(front, rear) + half
     if dx * dx + dy * dy > far * far:
         return False
-    px, py = world_to_body(math.cos(state.pose[2]), math.sin(state.pose[2]), dx, dy)
-    return bool(rectangle_point_gap(px, py, p.outline[:]) <= reach)
+    return bool(distance_to_chair(p, state.pose, actor.pose[0], actor.pose[1]) <= reach)
 
 
 @borrowing_kernel
@@ -119,9 +118,9 @@ def choose_who_may_touch(engine: Any, world: Any, state: Any, p: Any) -> bool:
     for k in range(world.n_actors):
         actor = actor_states[k]
         fields = body_view(actor.body)
-        speed = math.sqrt(fields[VX] * fields[VX] + fields[VY] * fields[VY])
-        if fields[W] != 0.0:
-            speed += extent(rows[k]) * abs(fields[W])
+        speed = math.sqrt(fields.vx * fields.vx + fields.vy * fields.vy)
+        if fields.w != 0.0:
+            speed += extent(rows[k]) * abs(fields.w)
         actor.moved = (speed + (_PUSHED if actor.in_space else 0.0)) * p.dt
     for k in range(world.n_actors):
         actor = actor_states[k]

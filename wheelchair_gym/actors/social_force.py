@@ -26,7 +26,7 @@ from wheelchair_gym.actors.records import (
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.compiled.address import table_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.engine import FX, FY, VX, VY, body_view
+from wheelchair_gym.engine import body_view
 from wheelchair_gym.geometry.planar import body_to_world, world_to_body, wrap
 
 # Farina et al. 2017 and their code (`HeadedSocialForceModel`).
@@ -146,9 +146,9 @@ def _turn(state: Any, force: float, dt: float) -> None:
 
 
 @borrowing_kernel
-def _headed_step(p: Any, row: Any, state: Any, fields: Array, ex: float, ey: float) -> None:
+def _headed_step(p: Any, row: Any, state: Any, fields: Any, ex: float, ey: float) -> None:
     """The force on a body for a physics step, of a force (ex, ey) [N] of what is around."""
-    vx, vy, dt, mass = fields[VX], fields[VY], p.dt, row.mass
+    vx, vy, dt, mass = fields.vx, fields.vy, p.dt, row.mass
     # What drives them along: equation 4 of Farina et al., with a velocity for a speed's direction.
     dx = mass * (state.preferred_velocity[0] - vx) / _DRIVE_TIME
     dy = mass * (state.preferred_velocity[1] - vy) / _DRIVE_TIME
@@ -163,7 +163,7 @@ def _headed_step(p: Any, row: Any, state: Any, fields: Array, ex: float, ey: flo
     fast = math.sqrt(wx * wx + wy * wy)
     if fast > row.speed:
         wx, wy = wx * row.speed / fast, wy * row.speed / fast
-    fields[FX], fields[FY] = leg_force(row, (wx - vx) / dt, (wy - vy) / dt)
+    fields.fx, fields.fy = leg_force(row, (wx - vx) / dt, (wy - vy) / dt)
 
 
 @borrowing_kernel

@@ -160,6 +160,19 @@ class Pointers:
         self.record[name][row] = address_of(array)
         self._kept[row, name] = to
 
+    def fill(self, row: int = 0, /, **values: Any) -> Pointers:
+        """Set fields of a row by name: values, or arrays and `Pointers` by address; see `point`.
+
+        Returns:
+            These pointers.
+        """
+        for name, value in values.items():
+            if name in self._targets:
+                self.point(name, value, row)
+            else:
+                self.record[name][row] = value
+        return self
+
     def array(self, name: str, row: int = 0) -> NDArray[Any]:
         """Return the array that a field of a row points to; an empty array if there is none yet."""
         to = self._kept.get((row, name))

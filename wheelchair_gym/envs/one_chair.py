@@ -151,17 +151,14 @@ class SimulatedLoop:
         chair, task, drivers, assistants, shield, unshielded = self.parts
         self._actions, self._keys = np.zeros((1, 2)), np.zeros(1, np.uint64)
         self._next = np.zeros(1, PREPARED)
-        batch = Pointers(np.zeros(1, BATCH), BATCH_TARGETS)
-        batch.record["n"], batch.record["unshielded"] = 1, unshielded
-        batch.record["beams"] = beams = chair.sensors.beams
-        for name, to in {
-            "task": task.rows, "chairs": chair.pointers, "drivers": drivers.pointers,
-            "assistants": assistants.pointers, "actions": self._actions, "keys": self._keys,
-            "shields": np.zeros(1, SHIELDS) if shield is None else shield.pointers,
-            "next_prepared": self._next, "is_over": np.zeros(1, np.bool_),
-        }.items():  # fmt: skip
-            batch.point(name, to)
-        size = ROW_SIZE + 4 * (beams + task.observation_size)
+        batch = Pointers(np.zeros(1, BATCH), BATCH_TARGETS).fill(
+            n=1, unshielded=unshielded, beams=chair.sensors.beams, task=task.rows,
+            chairs=chair.pointers, drivers=drivers.pointers, assistants=assistants.pointers,
+            shields=np.zeros(1, SHIELDS) if shield is None else shield.pointers,
+            actions=self._actions, keys=self._keys, next_prepared=self._next,
+            is_over=np.zeros(1, np.bool_),
+        )  # fmt: skip
+        size = ROW_SIZE + 4 * (chair.sensors.beams + task.observation_size)
         self._pool = ResultPool(partial(_Result, task, batch), size)
 
     def __getstate__(self) -> dict[str, Any]:

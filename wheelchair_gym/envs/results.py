@@ -16,12 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.base.arrays import Floats, Mask, Rows
-from wheelchair_gym.compiled.address import (
-    Pointers,
-    flags_at,
-    read_record,
-    rows_of,
-)
+from wheelchair_gym.compiled.address import Pointers, flags_at, read_record, rows_of
 from wheelchair_gym.compiled.kernel import inlined
 from wheelchair_gym.safety.state import DECISION, REASONS
 from wheelchair_gym.signals import READING, TRUTH
@@ -98,9 +93,7 @@ class Memory:
         views = (np.ndarray(n, kind, self.block, n * begin) for kind, begin in places)
         self.columns = Columns(*views)
         self.pointers = Pointers(np.zeros(1, RESULTS), RESULTS_TARGETS)
-        self.pointers.record["numbers"] = task.observation_size
-        self.pointers.point("block", self.block)
-        self.pointers.point("out", self.out)
+        self.pointers.fill(numbers=task.observation_size, block=self.block, out=self.out)
         self.address = self.pointers.address
 
 

@@ -212,11 +212,8 @@ def env_settings(
         given["bank"] = BankSettings(size=given["bank"])
     elif isinstance(given.get("bank"), Mapping):
         given["bank"] = load(BankSettings, given["bank"], "bank")
-    switch = given.get("shield")
-    if isinstance(switch, bool | np.bool_) and switch and base.shield is not None:
-        del given["shield"]  # it is on, as the config says
-    elif "shield" in given:
-        given["shield"] = _shield(given["shield"])
+    if "shield" in given:
+        given["shield"] = _shield(given["shield"], base.shield)
     for name, (section, key) in _PLACES.items():
         if name in given:
             part = dataclasses.replace(getattr(base, section), **{key: given.pop(name)})
@@ -303,10 +300,10 @@ def make_assistants(config: EnvSettings, n: int, has_person: bool) -> Assistants
     return Assistants(method, config.chair, config.sensors, 1.0 / config.rate, n)
 
 
-def _shield(spec: Any) -> ShieldSettings | None:
-    """Settings of a shield from true, false, a mapping or themselves."""
+def _shield(spec: Any, configured: ShieldSettings | None) -> ShieldSettings | None:
+    """Settings of a shield from true (as configured, if it is), false, a mapping or themselves."""
     if isinstance(spec, bool | np.bool_):
-        return ShieldSettings() if spec else None
+        return (configured or ShieldSettings()) if spec else None
     if isinstance(spec, Mapping):
         return load(ShieldSettings, spec, "shield")
     if isinstance(spec, ShieldSettings):

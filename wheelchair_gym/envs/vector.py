@@ -167,18 +167,17 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
             self._shield_rows = point_to_shields(self._guard, self._shields)
         self._rows = [chairs.row_pointers() for _ in range(self.num_threads)]
         self._columns = 0  # of the workspaces
-        self._batches = [Pointers(np.zeros(1, BATCH), BATCH_TARGETS) for _ in self._rows]
-        for rows, batch in zip(self._rows, self._batches, strict=True):
-            batch.record["n"] = n
-            batch.record["unshielded"] = self.settings.unshielded
-            batch.record["beams"] = beams = self.settings.sensors.beams
-            for name, to in {
-                "task": self._task_rows, "chairs": rows, "shields": self._shield_rows,
-                "drivers": self.drivers.pointers, "assistants": self.assistants.pointers,
-                "next_prepared": self._next_prepared, "keys": self._keys, "is_over": self._over,
-                "ranges": np.zeros(beams, np.float32), "actions": self._actions,
-            }.items():  # fmt: skip
-                batch.point(name, to)
+        beams = self.settings.sensors.beams
+        self._batches = [
+            Pointers(np.zeros(1, BATCH), BATCH_TARGETS).fill(
+                n=n, unshielded=self.settings.unshielded, beams=beams, task=self._task_rows,
+                chairs=rows, shields=self._shield_rows, drivers=self.drivers.pointers,
+                assistants=self.assistants.pointers, actions=self._actions, keys=self._keys,
+                next_prepared=self._next_prepared, is_over=self._over,
+                ranges=np.zeros(beams, np.float32),
+            )
+            for rows in self._rows
+        ]  # fmt: skip
         self._pool: ThreadPoolExecutor | None = None
         make, size = partial(Results, self.task, n), n * (ROW_SIZE + 4 * self.task.observation_size)
         self._results, self._finals = ResultPool(make, size), ResultPool(make, size)

@@ -139,15 +139,8 @@ def _count_steps(line: Field, direction: int, far: int, count: Steps, rise: Step
 
 @borrowing_kernel
 def _keep_nearer(square: Steps, step: int, best: Steps, shift: Steps) -> None:
-    """Keep columns a step to the right or left where they are nearer than the best so far."""
+    """Keep the columns of `square`, a step aside, where they are nearer than the best so far."""
     aside, more = np.int16(step), np.int16(step * step)
-    ahead = square[step:]
-    for k in range(min(len(ahead), len(best), len(shift))):
-        here = np.int16(ahead[k] + more)
-        shift[k] = aside if here < best[k] else shift[k]
-        best[k] = here if here < best[k] else best[k]
-    aside = np.int16(-step)
-    best, shift = best[step:], shift[step:]
     for k in range(min(len(square), len(best), len(shift))):
         here = np.int16(square[k] + more)
         shift[k] = aside if here < best[k] else shift[k]
@@ -180,7 +173,8 @@ def extend_field(length: Field, band: float) -> Field:
             best[col] = square[col]
             shift[col] = 0
         for step in range(1, far):
-            _keep_nearer(square, step, best, shift)
+            _keep_nearer(square[step:], step, best, shift)
+            _keep_nearer(square, -step, best[step:], shift[step:])
         for col in range(cols):
             if 0 < best[col] <= limit:
                 source = col + shift[col]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
+
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,18 +36,15 @@ def bottleneck(grid: OccupancyGrid, start: ArrayLike, goal: ArrayLike) -> float:
         return -np.inf
     (r0, c0), (r1, c1) = grid.to_cell(start), grid.to_cell(goal)
     gap = np.where(grid.cells == FREE, grid.distance(), -1.0)
-    low, high = -np.inf, float(min(gap[r0, c0], gap[r1, c1]))
-    levels = np.unique(gap[(gap >= 0.0) & (gap <= high)])
-    first, last = 0, len(levels)  # the answer's index is below last; below first all radii pass
-    while first < last:
-        middle = (first + last) // 2
-        wide = (gap >= levels[middle]).astype(np.uint8)
+    levels = np.unique(gap[(gap >= 0.0) & (gap <= min(gap[r0, c0], gap[r1, c1]))])
+
+    def is_stuck(radius: float) -> bool:
+        wide = (gap >= radius).astype(np.uint8)
         _, region = cv2.connectedComponents(wide, connectivity=8)
-        if region[r0, c0] and region[r0, c0] == region[r1, c1]:
-            low, first = float(levels[middle]), middle + 1
-        else:
-            last = middle
-    return low
+        return bool(not region[r0, c0] or region[r0, c0] != region[r1, c1])
+
+    passing = bisect_left(levels, True, key=is_stuck)  # how many of the radii pass
+    return float(levels[passing - 1]) if passing else -np.inf
 
 
 def open_floor(grid: OccupancyGrid, side: float) -> Mask:
@@ -88,12 +87,12 @@ def footprint_margin(
         cv2.circle(solid, at.tolist(), inner, 1, -1, cv2.LINE_8, _SHIFT)
     ahead = 0.5 * (footprint.front - footprint.rear)  # from the axle to the outline's middle
     half = np.array([0.5 * (footprint.front + footprint.rear), footprint.half_width])
-    first, last = -5, 11  # cm: what passes, and what does not
-    while last - first > 1:
-        middle = (first + last) // 2
-        passes = _connected(_free(solid, (half + 0.01 * middle) / _CELL), low, ahead, *ends)
-        first, last = (middle, last) if passes else (first, middle)
-    return 0.01 * first
+
+    def passes(growth: int) -> bool:  # of cm
+        free = _free(solid, (half + 0.01 * growth) / _CELL)
+        return _connected(free, low, ahead, *ends)
+
+    return 0.01 * (10 - bisect_left(range(10, -5, -1), True, key=passes))
 
 
 def _free(solid: NDArray[np.uint8], half: Array) -> NDArray[np.bool_]:

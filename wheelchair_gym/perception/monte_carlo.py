@@ -236,7 +236,6 @@ class Particles(NamedTuple):
     poses: Array  # (max_particles, 3) m, m, rad
     logs: Array  # (max_particles,) logarithm of each one's weight
     weights: Array  # (max_particles,) their sum is 1
-    drawn: Array  # (max_particles, 3) poses while they are resampled
     bins: NDArray[np.int64]  # (2 ** k,) keys of bins by hash, 0 for none
     loads: Array  # (2 ** k,) weight in each bin
 
@@ -300,22 +299,6 @@ def count_bins(particles: Particles, n: int, side: float, sector: float) -> tupl
         if loads[place] > heaviest:
             heaviest, best = loads[place], i
     return count, best
-
-
-@borrowing_kernel
-def resample(particles: Particles, n: int, count: int, key: np.uint64, step: int) -> None:
-    """Resample `count` particles by their weights with one random number (systematic)."""
-    poses, weights, drawn = particles.poses, particles.weights, particles.drawn
-    offset, total, i = uniform(key, step, DRAWS, 0), weights[0], 0
-    for k in range(count):
-        while total < (k + offset) / count and i < n - 1:
-            i += 1
-            total += weights[i]
-        for j in range(3):
-            drawn[k, j] = poses[i, j]
-    for k in range(count):
-        for j in range(3):
-            poses[k, j] = drawn[k, j]
 
 
 @borrowing_kernel
@@ -390,9 +373,9 @@ class MonteCarloLocalizer:
         self.pose = np.zeros(3)
         self.count, self.fit, self.lost = 0, 0.0, False
         n, bins = s.max_particles, 2 ** math.ceil(math.log2(4 * s.max_particles))
-        poses, drawn, bin_keys = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(bins, np.int64)
-        logs, weights = np.zeros(n), np.zeros(n)
-        self._particles = Particles(poses, logs, weights, drawn, bin_keys, np.zeros(bins))
+        self._particles = Particles(
+            np.zeros((n, 3)), np.zeros(n), np.zeros(n), np.zeros(bins, np.int64), np.zeros(bins)
+        )
         self._mount = np.array([laser.x, laser.y])
         self._directions = laser.directions  # (beams, 2)
         self._reach = laser.reach
@@ -478,7 +461,10 @@ class MonteCarloLocalizer:
             return
         bins, _ = count_bins(particles, self.count, _BIN, _BIN_ANGLE)
         count = min(s.max_particles, max(s.min_particles, _enough(bins)))
-        resample(particles, self.count, count, self._key, self._step)
+        # Systematic: one random number for all.
+        shares = (uniform(self._key, self._step, DRAWS, 0) + np.arange(count)) / count
+        chosen = np.searchsorted(np.cumsum(particles.weights[: self.count]), shares)
+        particles.poses[:count] = particles.poses[chosen.clip(max=self.count - 1)]
         self.count = count
         if self.lost:
             self.count = min(s.max_particles, count + s.min_particles)

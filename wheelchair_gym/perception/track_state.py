@@ -7,7 +7,7 @@ localization corrects. The state has a fixed size, so that a row of a batch can 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -55,13 +55,10 @@ class TrackerConstants(Pointers):
             raise InputError("a tracker needs a laser; expected beams of sensors.laser")
         arrays = LaserArrays.of(laser, False)
         super().__init__(np.zeros(1, CONSTANTS), _LASER, constant=True)
-        g: Any = self.record[0]
-        g["beams"], g["group"] = laser.beams, -(-laser.beams // SECTORS)
-        g["sectors"] = -(-laser.beams // int(g["group"]))
-        self.point("cosine", arrays.cosine)
-        self.point("sine", arrays.sine)
-        for name in ("first", "per_angle", "nearest", "mount", "reach"):
-            g[name] = getattr(arrays, name)
+        group = -(-laser.beams // SECTORS)
+        names = "cosine", "sine", "first", "per_angle", "nearest", "mount", "reach"
+        values = {name: getattr(arrays, name) for name in names}
+        self.fill(beams=laser.beams, group=group, sectors=-(-laser.beams // group), **values)
 
 
 def static_map_pointers(grids: Sequence[OccupancyGrid | None]) -> Pointers:
@@ -69,8 +66,9 @@ def static_map_pointers(grids: Sequence[OccupancyGrid | None]) -> Pointers:
     pointers = Pointers(np.zeros(len(grids), STATIC_MAP), _FIELD, constant=True)
     for k, grid in enumerate(grids):
         if grid is not None:
-            gap, row = grid.distance(), pointers.record[k]
-            pointers.point("gap", gap, k)
-            row["rows"], row["cols"] = gap.shape
-            row["per_metre"], row["origin"] = 1.0 / grid.resolution, grid.origin
+            rows, cols = grid.shape
+            pointers.fill(
+                k, gap=grid.distance(), rows=rows, cols=cols, per_metre=1.0 / grid.resolution,
+                origin=grid.origin,
+            )  # fmt: skip
     return pointers

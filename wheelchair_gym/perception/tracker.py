@@ -18,12 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.base.arrays import Array, Floats, Rows
-from wheelchair_gym.compiled.address import (
-    Pointers,
-    on_stack,
-    read_record,
-    rows_of,
-)
+from wheelchair_gym.compiled.address import Pointers, on_stack, read_record, rows_of
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.geometry.kinematics import arc_step
 from wheelchair_gym.geometry.planar import wrap
@@ -406,12 +401,9 @@ def point_to_trackers(
         states: one for each row.
         static_maps: what is known of each row's surroundings; None: nothing.
     """
+    maps = static_map_pointers(static_maps)
     rows = Pointers(np.zeros(1, TRACKERS), _TARGETS)
-    rows.record["n"] = len(states)
-    rows.point("constants", constants)
-    rows.point("states", states)
-    rows.point("static_maps", static_map_pointers(static_maps))
-    return rows
+    return rows.fill(n=len(states), constants=constants, states=states, static_maps=maps)
 
 
 @dataclass(frozen=True, eq=False)

@@ -43,12 +43,9 @@ def closed_loops(walls: ArrayLike) -> list[Array]:
         home, here = keys[first]
         chain = [segments[first, 0], segments[first, 1]]
         while here != home:
-            there = meeting[here]
-            while there and used[there[-1]]:
-                there.pop()
-            if not there:
+            k = next((other for other in reversed(meeting[here]) if not used[other]), -1)
+            if k < 0:
                 break
-            k = there.pop()
             used[k] = True
             far = 1 if keys[k][0] == here else 0
             here = keys[k][far]

@@ -17,7 +17,7 @@ from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, geodesic, interpo
 from wheelchair_gym.maps.grid import boundary
 from wheelchair_gym.scenes.arena import CLEARANCE, FOOTPRINT, passing_radius
 from wheelchair_gym.scenes.layout import FloorLayout, furnish, generate_layout
-from wheelchair_gym.scenes.raster import CELL, Rects, paint_discs, paint_polygon, paint_rects
+from wheelchair_gym.scenes.raster import CELL, paint_discs, paint_polygon, paint_rects
 from wheelchair_gym.types import Episode
 
 Cells = NDArray[np.int8]
@@ -93,15 +93,16 @@ class FloorPlan(Building):
             )
             width = numpy_uniform(source, minimum, maximum)
             height = numpy_uniform(source, minimum, (minimum + maximum) / 2 if home else maximum)
-            layout, cells, walls, discs = _draw_storey(source, home, width, height, *sizes)
-            grid = OccupancyGrid(cells, CELL)
-            ground = layout.rooms, walls, discs, footprint.array, CLEARANCE
+            storey = _draw_storey(source, home, width, height, *sizes)
+            layout, cells, walls, discs = storey
+            grid, outline = OccupancyGrid(cells, CELL), footprint.array
             for _ in range(_GOALS):
                 goal_room = numpy_integer(source, len(layout.rooms))
-                if not sample_pose(source, goal_room, *ground, 20, goal):
+                if not sample_pose(source, storey, goal_room, outline, 20, goal):
                     continue
                 lengths = geodesic(grid, goal[:2], passing_radius(footprint)).extended
-                if _draw_start(source, goal_room, *ground, lengths, self.path_length, start):
+                bounds = self.path_length
+                if _draw_start(source, storey, goal_room, outline, lengths, bounds, start):
                     return layout, Episode(grid, start, goal, walls, discs, name="floor_plan")
         raise InputError(
             f"FloorPlan: {_TRIES} storeys had no start and goal that fit {footprint} in {self}"
@@ -148,48 +149,32 @@ def _draw_storey(
 
 @borrowing_kernel
 def sample_pose(
-    source: NumpyStream,
-    room: int,
-    rooms: Rects,
-    walls: Array,
-    discs: Array,
-    outline: Array,
-    clearance: float,
-    tries: int,
-    pose: Array,
+    source: NumpyStream, storey: Storey, room: int, outline: Array, tries: int, pose: Array
 ) -> bool:
     """Draw poses in a room until the footprint is free; whether one was found."""
-    x0, y0, x1, y1 = rooms[room].x0, rooms[room].y0, rooms[room].x1, rooms[room].y1
+    place, reach = storey.layout.rooms[room], CLEARANCE + 0.01
+    x0, y0, x1, y1 = place.x0, place.y0, place.x1, place.y1
     for _ in range(tries):
         pose[0] = numpy_uniform(source, x0 * CELL + _INSET, x1 * CELL - _INSET)
         pose[1] = numpy_uniform(source, y0 * CELL + _INSET, y1 * CELL - _INSET)
         pose[2] = numpy_uniform(source, -math.pi, math.pi)
-        reach = clearance + 0.01
-        gap = footprint_clearance(pose[0], pose[1], pose[2], outline, walls, discs, reach)
-        if gap >= clearance and gap > 0.0:
+        gap = footprint_clearance(
+            pose[0], pose[1], pose[2], outline, storey.walls, storey.discs, reach
+        )
+        if gap >= CLEARANCE:
             return True
     return False
 
 
 @borrowing_kernel
 def _draw_start(
-    source: NumpyStream,
-    goal_room: int,
-    rooms: Rects,
-    walls: Array,
-    discs: Array,
-    outline: Array,
-    clearance: float,
-    lengths: Field,
-    path_length: Range[float],
-    start: Array,
-) -> bool:
+    source: NumpyStream, storey: Storey, goal_room: int, outline: Array, lengths: Field,
+    path_length: Range[float], start: Array,
+) -> bool:  # fmt: skip
     """Whether a start in another room was found, with a path of the required length."""
     for _ in range(_STARTS):
-        room = numpy_integer(source, len(rooms))
-        if room != goal_room and sample_pose(
-            source, room, rooms, walls, discs, outline, clearance, as_int(5), start
-        ):
+        room = numpy_integer(source, len(storey.layout.rooms))
+        if room != goal_room and sample_pose(source, storey, room, outline, as_int(5), start):
             length = interpolate(lengths, start[0] / CELL, start[1] / CELL)
             if path_length[0] <= length <= path_length[1]:
                 return True

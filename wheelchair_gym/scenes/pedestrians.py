@@ -300,9 +300,8 @@ def sample_people(
             if _fits(made, grid, near):
                 break
             made = made[:1]
-        if made and kind.behaviour == "walks_beside":
-            _put_beside_chair(made[0], start, grid, taken)
-        found += _take(made, taken) if made else []
+        if made:
+            found += _place(made, kind, start, grid, taken)
     return found
 
 
@@ -382,8 +381,12 @@ def _fits(made: list[Actor], grid: OccupancyGrid, near: list[tuple[float, float,
     )
 
 
-def _take(made: list[Actor], taken: list[Array]) -> list[Actor]:
-    """The same people, once their places are taken."""
+def _place(
+    made: list[Actor], kind: Kind, start: Array, grid: OccupancyGrid, taken: list[Array]
+) -> list[Actor]:
+    """The same people, once their places are taken: beside the chair, if their kind walks there."""
+    if kind.behaviour == "walks_beside":
+        _put_beside_chair(made[0], start, grid, taken)
     room = [records.RADIUS] + [_ROOM_BESIDE] * (len(made) - 1)
     taken += [np.array([*each.row["pose"][0, :2], r]) for each, r in zip(made, room, strict=True)]
     return made
@@ -442,9 +445,7 @@ def sample_passage_people(
                     if tried < _TRIES_TOGETHER:
                         continue
                     made = made[:1]
-                if kind.behaviour == "walks_beside":
-                    _put_beside_chair(who, passage.start, grid, taken)
-                found += _take(made, taken)
+                found += _place(made, kind, passage.start, grid, taken)
                 break
     return found
 

@@ -27,9 +27,9 @@ from wheelchair_gym.compiled.address import (
     rows_of,
     words_at,
 )
-from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
+from wheelchair_gym.compiled.kernel import absorbed_kernel, borrowing_kernel, inlined
 from wheelchair_gym.compiled.random import LASER, LASER_BIAS, bits, mix, normal
-from wheelchair_gym.compiled.simd import rasterize_line
+from wheelchair_gym.compiled.simd import bits_of_float, rasterize_line
 from wheelchair_gym.geometry.planar import point_to_world, world_to_body
 from wheelchair_gym.sensors.echoes import atan2_f32, relative_endpoints
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
@@ -65,6 +65,19 @@ def shown_range(r: np.float32) -> np.float32:
     """Return the range at which a beam shows something: 0 if too near, +inf if it is invalid."""
     shown = r if r > _ZERO else _ZERO
     return shown if r == r else _NONE
+
+
+@absorbed_kernel
+def nearest_beam(scan: Floats, low: int, high: int) -> int:
+    """Return which of the beams from low to high shows the nearest thing; the first of equals."""
+    nearest = bits_of_float(_NONE)
+    for k in range(np.uint64(low), np.uint64(high)):
+        bits = bits_of_float(shown_range(scan[k]))
+        nearest = bits if bits < nearest else nearest
+    best = low
+    while bits_of_float(shown_range(scan[best])) != nearest:
+        best += 1
+    return best
 
 
 class LaserArrays(NamedTuple):
@@ -340,12 +353,9 @@ def scanner_pointers(sensors: SensorSettings, noise: bool) -> Pointers:
     lasers = sensors.lasers
     pointers = Pointers(np.zeros(len(lasers), SCANNER), _TARGETS, constant=True)
     for k, (laser, at) in enumerate(zip(lasers, sensors.slices, strict=True)):
-        arrays, row = LaserArrays.of(laser, noise, k, at.start), pointers.record[k]
-        row["beams"] = laser.beams
-        for name in _ARRAYS:
-            pointers.point(name, getattr(arrays, name), k)
-        for name in (*_VALUES, *_NUMBERS):
-            row[name] = getattr(arrays, name)
+        arrays = LaserArrays.of(laser, noise, k, at.start)
+        values = {name: getattr(arrays, name) for name in (*_ARRAYS, *_VALUES, *_NUMBERS)}
+        pointers.fill(k, beams=laser.beams, **values)
     return pointers
 
 

@@ -17,9 +17,8 @@ from wheelchair_gym.compiled.address import Pointers
 from wheelchair_gym.sensors.laser import WORKSPACE_ROWS
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sim.fault_injection import PAST
-from wheelchair_gym.sim.sensor_suite import SensorSuite
 from wheelchair_gym.sim.settings import ChairSettings, PhysicsSettings
-from wheelchair_gym.sim.state import STATE, parameters
+from wheelchair_gym.sim.state import STATE, SensorSuite, parameters
 from wheelchair_gym.sim.step import CHAIRS, CHAIRS_TARGETS, replay_drives
 from wheelchair_gym.sim.world import TARGETS, WORLD, World
 from wheelchair_gym.types import Episode
@@ -35,8 +34,8 @@ _WRITTEN_BY_SENSING = (
 
 def size_workspace(rows: Pointers, columns: int) -> None:
     """Give a record of CHAIRS a workspace of `columns` columns (`columns_of`)."""
-    rows.point("workspace", np.empty((WORKSPACE_ROWS, columns), np.float32))
-    rows.record["columns"] = columns
+    workspace = np.empty((WORKSPACE_ROWS, columns), np.float32)
+    rows.fill(workspace=workspace, columns=columns)
 
 
 def columns_of(episode: Episode) -> int:
@@ -98,28 +97,22 @@ class SimulatedChairs:
 
     def row_pointers(self) -> Pointers:
         """Pointers to the rows, a record (1,) of CHAIRS; the caller adds its workspace."""
-        rows = Pointers(np.zeros(1, CHAIRS), CHAIRS_TARGETS)
-        rows.record["n"] = len(self.states)
-        rows.point("suite", self.suite)
-        rows.point("worlds", self.pointers)
-        for name in ("base", "blank", "parameters", "states"):
-            rows.point(name, getattr(self, name))
-        return rows
+        return Pointers(np.zeros(1, CHAIRS), CHAIRS_TARGETS).fill(
+            n=len(self.states), suite=self.suite, worlds=self.pointers, base=self.base,
+            blank=self.blank, parameters=self.parameters, states=self.states,
+        )  # fmt: skip
 
     def enter(self, i: int, episode: Episode) -> None:
         """Set row i's world to that of an episode."""
         self.worlds[i].reserve_shapes(episode)
         self.episodes[i] = episode
-        place: Any = self.world_rows[i]
-        walls, discs, actors = episode.walls, episode.discs, episode.actors
-        self.pointers.point("walls", walls, i)
-        self.pointers.point("discs", discs, i)
-        place["n_walls"] = place["n_fixed_walls"] = len(walls)
-        place["n_discs"] = place["n_fixed_discs"] = len(discs)
-        place["n_actors"], place["n_routes"] = len(actors), len(actors.routes)
+        n, m, actors = len(episode.walls), len(episode.discs), episode.actors
+        self.pointers.fill(
+            i, walls=episode.walls, n_walls=n, n_fixed_walls=n, discs=episode.discs, n_discs=m,
+            n_fixed_discs=m, n_actors=len(actors), n_routes=len(actors.routes),
+        )  # fmt: skip
         if len(actors):
-            self.pointers.point("actors", actors.rows, i)
-            self.pointers.point("routes", actors.routes, i)
+            self.pointers.fill(i, actors=actors.rows, routes=actors.routes)
 
     def expect_drive(self) -> None:
         """Reserve memory to record one more drive of each row."""

@@ -21,7 +21,7 @@ from wheelchair_gym.actors.records import PERSON
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.compiled.address import table_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.engine import FX, FY, VX, VY, body_view
+from wheelchair_gym.engine import body_view
 from wheelchair_gym.geometry.outline import rectangle_point_gap, rectangle_segment_gap
 from wheelchair_gym.geometry.planar import (
     body_to_world,
@@ -128,19 +128,19 @@ def stop_people(world: Any, state: Any, p: Any, chair: Motion) -> float:
         if gap > _NEAR:
             continue
         fields = body_view(actor_state.body)
-        toward = -(fields[VX] * nx + fields[VY] * ny)
+        toward = -(fields.vx * nx + fields.vy * ny)
         maximum = max(0.0, gap - _STAND_OFF) / p.dt
         if toward > maximum:
-            other = (actor_state.pose[0], actor_state.pose[1], fields[VX], fields[VY], 0.0)
+            other = (actor_state.pose[0], actor_state.pose[1], fields.vx, fields.vy, 0.0)
             _record_contact(world, state, p, k, chair, other, px, py, nx, ny)
             hardest = max(hardest, row.mass * (toward - maximum))
-            fields[VX] += (toward - maximum) * nx
-            fields[VY] += (toward - maximum) * ny
-            actor_state.twist[0], actor_state.twist[1] = fields[VX], fields[VY]
-        force = -(fields[FX] * nx + fields[FY] * ny)
+            fields.vx += (toward - maximum) * nx
+            fields.vy += (toward - maximum) * ny
+            actor_state.twist[0], actor_state.twist[1] = fields.vx, fields.vy
+        force = -(fields.fx * nx + fields.fy * ny)
         if force > 0.0 and gap < _CONTACT_OVER:
-            fields[FX] += force * nx
-            fields[FY] += force * ny
+            fields.fx += force * nx
+            fields.fy += force * ny
     return hardest
 
 

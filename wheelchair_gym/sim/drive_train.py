@@ -15,21 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from wheelchair_gym.compiled.kernel import absorbed_kernel, borrowing_kernel
-from wheelchair_gym.engine import (
-    ANGLE,
-    FX,
-    FY,
-    GRAVITY,
-    TORQUE,
-    VX,
-    VY,
-    W,
-    X,
-    Y,
-    body_view,
-    move_freely,
-    step_space,
-)
+from wheelchair_gym.engine import GRAVITY, body_view, move_freely, step_space
 from wheelchair_gym.geometry.kinematics import (
     STOP_RAMP_FACTOR,
     approach_twist,
@@ -253,10 +239,10 @@ def pull_body(fields: Any, dt: float, x: float, y: float) -> None:
     Munk2D moves a body by its speed before a step, and tyres react within the step: this part of
     the speed must not move it.
     """
-    fields[VX] += x * dt
-    fields[X] -= x * dt * dt
-    fields[VY] += y * dt
-    fields[Y] -= y * dt * dt
+    fields.vx += x * dt
+    fields.x -= x * dt * dt
+    fields.vy += y * dt
+    fields.y -= y * dt * dt
 
 
 @borrowing_kernel
@@ -272,10 +258,10 @@ def physics_step(
     """
     fields = body_view(body)
     dt, mass, moment, arm = p.dt, p.mass, p.moment, p.body.centre_of_mass
-    turning = fields[W]
-    middle = fields[ANGLE] + 1.5 * turning * dt  # heading half-way through the next step
+    turning = fields.w
+    middle = fields.angle + 1.5 * turning * dt  # heading half-way through the next step
     c, s = math.cos(middle), math.sin(middle)
-    ahead, aside = world_to_body(c, s, fields[VX], fields[VY])
+    ahead, aside = world_to_body(c, s, fields.vx, fields.vy)
     push, shove, twist = _drag_of_casters(p, k, ahead, aside, turning)
     bring_left, drawn_left = _turn_wheel(state, p, k, 0)
     bring_right, drawn_right = _turn_wheel(state, p, k, 1)
@@ -301,21 +287,21 @@ def physics_step(
     fx, fy = body_to_world(c, s, px, py)
     fx, fy = fx / dt, fy / dt
     torque = (half * (jr - jl) - arm * jy + twist) / dt
-    vx, vy = fields[VX], fields[VY]
-    fields[FX], fields[FY], fields[TORQUE] = fx, fy, torque
+    vx, vy = fields.vx, fields.vy
+    fields.fx, fields.fy, fields.torque = fx, fy, torque
     if space == 0:
         move_freely(body, dt)
     else:
         step_space(engine, space, dt)
-    hit_x = mass * (fields[VX] - vx) - fx * dt
-    hit_y = mass * (fields[VY] - vy) - fy * dt
-    hit_w = moment * (fields[W] - turning) - torque * dt
+    hit_x = mass * (fields.vx - vx) - fx * dt
+    hit_y = mass * (fields.vy - vy) - fy * dt
+    hit_w = moment * (fields.w - turning) - torque * dt
 
     # Each wheel rolls at the ground speed that came out, as far as its tyre can hold it there.
-    ahead = c * fields[VX] + s * fields[VY]
+    ahead = c * fields.vx + s * fields.vy
     state.distance += abs(ahead) * dt
     for i in range(2):
-        ground = ahead + (2 * i - 1) * half * fields[W]
+        ground = ahead + (2 * i - 1) * half * fields.w
         hold = brings[i] - k.inertia[i] * ground
         hold = min(bound, max(-bound, hold))
         state.spin[i] = (brings[i] - hold) * k.radii[i] / WHEEL_INERTIA

@@ -83,16 +83,14 @@ def _deceive(state: Any, p: Any, one: Any, past: Floats, scan: Floats) -> None:
     elif fault == _REPEATS:
         ring = _RING[0] + int((_RING[1] - _RING[0] + 1) * uniform(state.key, 0, CHANNEL, _SIZE))
         last = max(0, last - (state.step - state.fault_step) % ring)
-    if _FROZEN <= fault <= _JITTERS:
-        sigma = np.float32(_drawn(state, _JITTER) if fault == _JITTERS else 0.0)
+    if _FROZEN <= fault <= _STUCK:
+        sigma, ahead = 0.0, scan[int(place * beams)]
+        if fault >= _JITTERS:
+            sigma = _drawn(state, _JITTER) if fault == _JITTERS else _NOISE
         for k in range(beams):
             noise = np.float32(normal(state.key, state.step, CHANNEL, _BEAMS + k))
-            scan[k] = past[last % PAST * beams + k] + sigma * noise
-    elif fault == _STUCK:
-        ahead = scan[int(place * beams)]
-        for k in range(beams):
-            noise = np.float32(normal(state.key, state.step, CHANNEL, _BEAMS + k))
-            scan[k] = ahead + np.float32(_NOISE) * noise
+            shown = ahead if fault == _STUCK else past[last % PAST * beams + k]
+            scan[k] = shown + np.float32(sigma) * noise
     elif fault == _MIRRORED:
         for k in range(beams // 2):
             scan[k], scan[beams - 1 - k] = scan[beams - 1 - k], scan[k]

@@ -16,7 +16,8 @@ import numpy as np
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.settings import InputError, setting, settings
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.compiled.random import RANDOMIZATION, normal, uniform
+from wheelchair_gym.compiled.random import PARAMETERS, RANDOMIZATION, normal, uniform
+from wheelchair_gym.engine import GRAVITY
 
 RandomizedName = Literal[
     "laser.sigma", "laser.bias", "laser.dropout", "laser.x_error", "laser.y_error",
@@ -168,19 +169,6 @@ def _correlation(covariance: Array) -> Array:
     return correlation
 
 
-def check_randomization(rows: Iterable[Randomization], joint: JointRandomization) -> None:
-    """Refuse a quantity that is named twice.
-
-    Raises:
-        InputError: the first one that is named again.
-    """
-    seen = set()
-    for name in (*(row.quantity for row in rows), *joint.quantities):
-        if name in seen:
-            raise InputError(f"randomization names {name} twice")
-        seen.add(name)
-
-
 def draws_of(
     rows: Iterable[Randomization], joint: JointRandomization, noise: bool
 ) -> np.ndarray[Any, np.dtype[np.void]]:
@@ -230,8 +218,14 @@ def drawn(p: Any, key: np.uint64, which: int, item: int, present: float) -> floa
 
 
 @borrowing_kernel
-def randomize_sensors(p: Any, key: np.uint64) -> None:
-    """Draw the sensor errors and the delay of one episode."""
+def _uniform_between(low: float, high: float, key: np.uint64, index: int) -> float:
+    """A number between two bounds, drawn from an episode's key."""
+    return low + (high - low) * uniform(key, 0, PARAMETERS, index)
+
+
+@borrowing_kernel
+def randomize_parameters(p: Any, key: np.uint64) -> None:
+    """Draw what is random about the chair of one episode: errors of sensors, delay and body."""
     for k in range(p.laser_sigma.shape[0]):
         p.laser_sigma[k] = drawn(p, key, LASER_SIGMA, k, p.laser_sigma[k])
         p.laser_bias[k] = drawn(p, key, LASER_BIAS, k, p.laser_bias[k])
@@ -243,3 +237,22 @@ def randomize_sensors(p: Any, key: np.uint64) -> None:
         p.ranger_sigma[k] = drawn(p, key, SONAR_SIGMA, k, p.ranger_sigma[k])
     p.wheel_variance = drawn(p, key, VARIANCE, 0, p.wheel_variance)
     p.delay = round(drawn(p, key, DELAY, 0, p.delay * p.dt) / p.dt)
+    p.mass = _uniform_between(p.mass_range[0], p.mass_range[1], key, 0)
+    p.friction = _uniform_between(p.friction_range[0], p.friction_range[1], key, 1)
+    p.gain = _uniform_between(p.gain_range[0], p.gain_range[1], key, 2)
+    p.gain *= drawn(p, key, GAIN, 0, p.motor.gain)
+    p.mass = drawn(p, key, MASS, 0, p.mass)
+    body, motor = p.body, p.motor
+    body.rolling_resistance = drawn(p, key, ROLLING, 0, body.rolling_resistance)
+    body.caster_drag = drawn(p, key, DRAG, 0, body.caster_drag)
+    motor.resistance = drawn(p, key, RESISTANCE, 0, motor.resistance)
+    p.slope = drawn(p, key, SLOPE, 0, p.slope)
+    along = GRAVITY * math.sin(p.slope)
+    p.pull[0], p.pull[1] = along * math.cos(p.downhill), along * math.sin(p.downhill)
+    p.moment = p.mass * p.body.radius_of_gyration**2
+    e_d = drawn(p, key, DIAMETER, 0, p.diameter_error * _uniform_between(-1.0, 1.0, key, 3))
+    e_b = drawn(p, key, TRACK, 0, p.track_error * _uniform_between(-1.0, 1.0, key, 4))
+    scale = 1.0 + drawn(p, key, SCALE, 0, 0.0)
+    p.track = p.nominal_track * (1.0 + e_b)
+    p.radius_left = p.nominal_radius * (1.0 - 0.5 * e_d) * (scale * p.wheel_share[0])
+    p.radius_right = p.nominal_radius * (1.0 + 0.5 * e_d) * (scale * p.wheel_share[1])

@@ -6,12 +6,7 @@ from wheelchair_gym.base.settings import InputError, Range, setting, settings
 from wheelchair_gym.engine import GRAVITY
 from wheelchair_gym.geometry.kinematics import DriveGeometry, Limits
 from wheelchair_gym.geometry.outline import Footprint
-from wheelchair_gym.sim.randomization import (
-    JointRandomization,
-    Randomization,
-    RandomizedName,
-    check_randomization,
-)
+from wheelchair_gym.sim.randomization import JointRandomization, Randomization, RandomizedName
 
 WHEEL_INERTIA = 0.15  # kg m2, of rotor and wheel
 
@@ -137,7 +132,10 @@ class ChairSettings:
     """Delay from a command to its effect in simulation, rounded to whole physics steps."""
 
     def __post_init__(self) -> None:
-        check_randomization(self.randomization, self.joint)
+        named = [*(row.quantity for row in self.randomization), *self.joint.quantities]
+        for k, name in enumerate(named):
+            if name in named[:k]:
+                raise InputError(f"randomization names {name} twice")
 
     def bounds(self, quantity: RandomizedName, low: float, high: float) -> tuple[float, float]:
         """The least and the greatest value of a quantity in any episode.

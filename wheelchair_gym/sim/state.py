@@ -1,18 +1,27 @@
-"""Two records of one simulated chair: its parameters, and its state at a time."""
+"""Records of simulated chairs: their sensors, and one chair's parameters and its state at a time.
+
+A kernel takes each of them in one piece.
+"""
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.base.settings import copy_numbers, numbers_of
-from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.compiled.random import PARAMETERS, uniform
-from wheelchair_gym.engine import GRAVITY
+from wheelchair_gym.compiled.address import Pointers, Target, pointer_record
+from wheelchair_gym.compiled.kernel import inlined
+from wheelchair_gym.engine import ENGINE, engine_record
 from wheelchair_gym.geometry.kinematics import LIMITS
+from wheelchair_gym.sensors.laser import (
+    SCANNER,
+    LaserArrays,
+    laser_arrays,
+    scanner_pointers,
+    scanners_at,
+)
 from wheelchair_gym.sensors.settings import (
     POSE_MAX,
     POSE_SOURCES,
@@ -20,25 +29,9 @@ from wheelchair_gym.sensors.settings import (
     SCANNERS,
     SensorSettings,
 )
+from wheelchair_gym.sensors.ultrasonic import RANGER, ranger_rows, rangers_at
 from wheelchair_gym.signals import SENSED_READING, SENSED_TRUTH
-from wheelchair_gym.sim.randomization import (
-    DIAMETER,
-    DRAG,
-    DRAW,
-    GAIN,
-    JOINED,
-    MASS,
-    RANDOMIZED,
-    RESISTANCE,
-    ROLLING,
-    SCALE,
-    SLOPE,
-    TRACK,
-    drawn,
-    draws_of,
-    factor_of,
-    randomize_sensors,
-)
+from wheelchair_gym.sim.randomization import DRAW, JOINED, RANDOMIZED, draws_of, factor_of
 from wheelchair_gym.sim.settings import (
     BatterySettings,
     BodySettings,
@@ -47,6 +40,52 @@ from wheelchair_gym.sim.settings import (
     PhysicsSettings,
     integer_ratio,
 )
+
+SUITE, _TARGETS = pointer_record(
+    ("n_scanners", "i8"),
+    ("scanners", Target(SCANNER, None)),
+    ("rangers", "i8"),
+    ("ranger_rows", Target(RANGER, None)),
+    ("order", Target("i8", None)),  # ranger that fires k-th
+    *((name, "u8") for name in ENGINE.names or ()),
+)
+
+
+class SensorSuite(Pointers):
+    """Sensors and engine of a kind of chair; `record` (1,) points to what it keeps alive.
+
+    It never changes: a copy in this process is itself, one in another process is made anew.
+    """
+
+    def __init__(self, sensors: SensorSettings) -> None:
+        super().__init__(np.zeros(1, SUITE), _TARGETS, constant=True)
+        self._sensors = sensors
+        self.scanners = scanner_pointers(sensors, sensors.noise)
+        self.order = np.array(sensors.ultrasonic.firing_order, np.int64)
+        for name in ENGINE.names or ():
+            self.record[name] = engine_record()[name]
+        self.fill(
+            n_scanners=len(self.scanners.record), scanners=self.scanners, rangers=len(self.order),
+            ranger_rows=ranger_rows(sensors.ultrasonic, sensors.noise), order=self.order,
+        )  # fmt: skip
+
+    def __reduce__(self) -> tuple[type[SensorSuite], tuple[SensorSettings]]:
+        return type(self), (self._sensors,)
+
+
+@inlined
+def scanner_of(suite: Any, p: Any, k: int) -> LaserArrays:
+    """Scanner k of a suite's record, with the mount and the errors of an episode's parameters."""
+    one, mount, bias = scanners_at(suite.scanners, suite.n_scanners)[k], p.laser_mount, p.laser_bias
+    sigma, dropout, offset = p.laser_sigma[k], p.laser_dropout[k], p.laser_offset[k]
+    return laser_arrays(one, mount[k], sigma, dropout, bias[k], offset)
+
+
+@inlined
+def ranger_of(suite: Any, which: int) -> Any:
+    """One of the ultrasonics of a suite's record, a record of RANGER."""
+    return rangers_at(suite.ranger_rows, suite.rangers)[which]
+
 
 PARAMETER = np.dtype(
     [
@@ -279,34 +318,3 @@ def parameters(
         p["fire_every"] = integer_ratio(rangers.interval, physics.step, what)
     p["decide_every"] = max(1, round(_DECISION_PERIOD / physics.step))
     return rows
-
-
-@borrowing_kernel
-def _uniform_between(low: float, high: float, key: np.uint64, index: int) -> float:
-    """A number between two bounds, drawn from an episode's key."""
-    return low + (high - low) * uniform(key, 0, PARAMETERS, index)
-
-
-@borrowing_kernel
-def randomize_parameters(p: Any, key: np.uint64) -> None:
-    """Draw what is random about the chair of one episode."""
-    randomize_sensors(p, key)
-    p.mass = _uniform_between(p.mass_range[0], p.mass_range[1], key, 0)
-    p.friction = _uniform_between(p.friction_range[0], p.friction_range[1], key, 1)
-    p.gain = _uniform_between(p.gain_range[0], p.gain_range[1], key, 2)
-    p.gain *= drawn(p, key, GAIN, 0, p.motor.gain)
-    p.mass = drawn(p, key, MASS, 0, p.mass)
-    body, motor = p.body, p.motor
-    body.rolling_resistance = drawn(p, key, ROLLING, 0, body.rolling_resistance)
-    body.caster_drag = drawn(p, key, DRAG, 0, body.caster_drag)
-    motor.resistance = drawn(p, key, RESISTANCE, 0, motor.resistance)
-    p.slope = drawn(p, key, SLOPE, 0, p.slope)
-    along = GRAVITY * math.sin(p.slope)
-    p.pull[0], p.pull[1] = along * math.cos(p.downhill), along * math.sin(p.downhill)
-    p.moment = p.mass * p.body.radius_of_gyration**2
-    e_d = drawn(p, key, DIAMETER, 0, p.diameter_error * _uniform_between(-1.0, 1.0, key, 3))
-    e_b = drawn(p, key, TRACK, 0, p.track_error * _uniform_between(-1.0, 1.0, key, 4))
-    scale = 1.0 + drawn(p, key, SCALE, 0, 0.0)
-    p.track = p.nominal_track * (1.0 + e_b)
-    p.radius_left = p.nominal_radius * (1.0 - 0.5 * e_d) * (scale * p.wheel_share[0])
-    p.radius_right = p.nominal_radius * (1.0 + 0.5 * e_d) * (scale * p.wheel_share[1])

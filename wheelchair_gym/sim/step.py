@@ -24,7 +24,6 @@ from wheelchair_gym.actors.social_force import apply_social_forces
 from wheelchair_gym.base.arrays import Array, Floats
 from wheelchair_gym.compiled.address import (
     Target,
-    doubles_at,
     field_at,
     integers_at,
     pointer_record,
@@ -33,7 +32,7 @@ from wheelchair_gym.compiled.address import (
     table_at,
 )
 from wheelchair_gym.compiled.kernel import borrowing_kernel, check_written, inlined
-from wheelchair_gym.engine import ANGLE, BODY_DOUBLES, VX, VY, W, X, Y, body_view
+from wheelchair_gym.engine import BODY_DOUBLES, body_view
 from wheelchair_gym.geometry.planar import wrap
 from wheelchair_gym.sensors.laser import WORKSPACE_ROWS, sense_laser
 from wheelchair_gym.sensors.odometry import update_odometry, update_pose_estimate
@@ -48,8 +47,8 @@ from wheelchair_gym.sim.drive_train import (
     update_explained_motion,
 )
 from wheelchair_gym.sim.fault_injection import apply_fault, draw_fault
-from wheelchair_gym.sim.sensor_suite import SUITE, ranger_of, scanner_of
-from wheelchair_gym.sim.state import PARAMETER, SENSED, STATE, randomize_parameters
+from wheelchair_gym.sim.randomization import randomize_parameters
+from wheelchair_gym.sim.state import PARAMETER, SENSED, STATE, SUITE, ranger_of, scanner_of
 from wheelchair_gym.sim.world import WORLD, enter_world, measure_clearance, touchable_space
 
 _TOUCH = 1e-6  # N s: smaller impulses are rounding
@@ -58,13 +57,13 @@ _TOUCH = 1e-6  # N s: smaller impulses are rounding
 @borrowing_kernel
 def read_true_state(state: Any, p: Any, fields: Any) -> None:
     """Read the true pose and twist of the axle's centre from the body."""
-    angle = fields[ANGLE]
+    angle = fields.angle
     c, s = math.cos(angle), math.sin(angle)
-    state.pose[0] = fields[X] - c * p.body.centre_of_mass
-    state.pose[1] = fields[Y] - s * p.body.centre_of_mass
+    state.pose[0] = fields.x - c * p.body.centre_of_mass
+    state.pose[1] = fields.y - s * p.body.centre_of_mass
     state.pose[2] = angle
-    state.twist[0] = c * fields[VX] + s * fields[VY]
-    state.twist[1] = fields[W]
+    state.twist[0] = c * fields.vx + s * fields.vy
+    state.twist[1] = fields.w
 
 
 @borrowing_kernel
@@ -151,7 +150,7 @@ def drive_period(
             update_explained_motion(state, p, k)
             if hard:  # what follows begins without a slope
                 state.v_rate, state.w_rate = 0.0, 0.0
-        before = (fields[X], fields[Y], fields[VX], fields[VY], fields[W])
+        before = (fields.x, fields.y, fields.vx, fields.vy, fields.w)
         bump, space = prepare_step(engine, world, state, p, before, workspace)
         if p.pull[0] != 0.0 or p.pull[1] != 0.0:
             pull_body(fields, p.dt, p.pull[0], p.pull[1])
@@ -167,7 +166,7 @@ def drive_period(
             state.bumped |= hit > p.body.bumper_force * p.dt
             read_true_state(state, p, fields)
             write_actor_shapes(world)
-            now = (fields[X], fields[Y], before[2], before[3], before[4])
+            now = (fields.x, fields.y, before[2], before[3], before[4])
             record_contacts(world, state, p, now)
         if state.tick % p.fire_every == 0:
             read_true_state(state, p, fields)
@@ -316,7 +315,7 @@ def place_chair(i: int, chairs: Any, start: Array, key: np.uint64) -> None:
     draw_fault(state, p, suite)
     empty, full, charge = p.battery.empty_voltage, p.battery.full_voltage, p.battery.initial_charge
     state.charge, state.voltage = charge * p.capacity, empty + (full - empty) * charge
-    read_true_state(state, p, doubles_at(world.body, BODY_DOUBLES))
+    read_true_state(state, p, body_view(world.body))
     for k in range(3):
         state.odometry[k] = state.pose[k]
     update_pose_estimate(state, p, 0.0)

@@ -38,13 +38,7 @@ from wheelchair_gym.base.arrays import Array, Floats
 from wheelchair_gym.compiled.address import Pointers, Target, integers_at, pointer_record, table_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.engine import (
-    ANGLE,
     UNIT_BOX,
-    VX,
-    VY,
-    W,
-    X,
-    Y,
     address_of_struct,
     body_view,
     change_space,
@@ -301,9 +295,9 @@ def _furnish_with(
 def _furnish(engine: Any, world: Any, p: Any, reach: float, workspace: Floats) -> None:
     """Put exactly the walls and discs within a reach [m] of the chair's outline into a Space."""
     fields = body_view(world.body)
-    yaw = fields[ANGLE]
-    x = fields[X] - math.cos(yaw) * p.body.centre_of_mass
-    y = fields[Y] - math.sin(yaw) * p.body.centre_of_mass
+    yaw = fields.angle
+    x = fields.x - math.cos(yaw) * p.body.centre_of_mass
+    y = fields.y - math.sin(yaw) * p.body.centre_of_mass
     n, m, outline = world.n_fixed_walls, world.n_fixed_discs, p.outline[:]
     walls, discs = table_at(world.walls, n, 4), table_at(world.discs, m, 3)
     near = distances_in(workspace)
@@ -328,8 +322,8 @@ def touchable_space(engine: Any, world: Any, p: Any, workspace: Floats) -> np.ui
     fields, arm = body_view(world.body), p.body.centre_of_mass
     far = max(p.outline[0] - arm, p.outline[1] + arm)
     corner = math.sqrt(far * far + p.outline[2] * p.outline[2])
-    speed = math.sqrt(fields[VX] * fields[VX] + fields[VY] * fields[VY])
-    moved = (speed + corner * abs(fields[W])) * p.dt  # no point of the outline moves farther
+    speed = math.sqrt(fields.vx * fields.vx + fields.vy * fields.vy)
+    moved = (speed + corner * abs(fields.w)) * p.dt  # no point of the outline moves farther
     world.free -= moved
     world.furnished -= moved
     if world.free > 0.0:

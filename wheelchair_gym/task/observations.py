@@ -230,16 +230,15 @@ def factors(source: ObservationSource) -> Floats:
 
 def spaces(source: ObservationSource) -> dict[str, Any]:
     """Return the space of each key that is present, in the order of `OBSERVATION_KEYS`."""
-    found, begin = {}, 0
+    found = {}
     by = factors(source) if source.settings.scaled else np.ones(len(factors(source)), np.float32)
+    where = places((key.name, key.size(source)) for key in OBSERVATION_KEYS)
     for key in OBSERVATION_KEYS:
-        size = key.size(source)
-        if size:
-            high = np.broadcast_to(np.asarray(key.high(source), np.float32), (size,))
+        each = by[where[key.name]]
+        if len(each):
+            high = np.broadcast_to(np.asarray(key.high(source), np.float32), each.shape)
             low = -high if key.low is None else np.asarray(key.low(source), np.float32)
-            each = by[begin : begin + size]
-            found[key.name] = gym.spaces.Box(np.broadcast_to(low, (size,)) * each, high * each)
-        begin += size
+            found[key.name] = gym.spaces.Box(np.broadcast_to(low, each.shape) * each, high * each)
     return found
 
 

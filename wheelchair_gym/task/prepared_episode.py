@@ -83,34 +83,25 @@ class PreparedEpisode:
         points = np.empty((0, 2))
         if path is not None:
             points = as_array(path[:, :2], np.float64, (None, 2), "path of the guidance", FARTHEST)
-        pointers = Pointers(np.zeros(1, PREPARED), _TARGETS, constant=True)
-        r: Any = pointers.record[0]
-        r["is_filled"] = True
-        actors, field = episode.actors, geodesic.extended
-        pointers.point("walls", episode.walls)
-        pointers.point("discs", episode.discs)
-        pointers.point("actors", actors.rows)
-        pointers.point("routes", actors.routes)
-        r["n_walls"], r["n_discs"] = len(episode.walls), len(episode.discs)
-        r["n_actors"], r["n_routes"] = len(actors), len(actors.routes)
-        r["start"], r["goal"] = episode.start, episode.goal
-        r["tolerance"] = tolerance if episode.tolerance is None else episode.tolerance
-        if episode.arrival is not None:
-            r["arrival"] = episode.arrival
-        r["time_limit"] = math.nan if episode.time_limit is None else episode.time_limit
-        pointers.point("field", field)
-        r["rows"], r["cols"] = field.shape
-        r["origin"], r["resolution"] = geodesic.grid.origin, geodesic.grid.resolution
-        pointers.point("path", points)
-        r["n_path_points"] = len(points)
+        actors, grid, field = episode.actors, geodesic.grid, geodesic.extended
+        pointers = Pointers(np.zeros(1, PREPARED), _TARGETS, constant=True).fill(
+            is_filled=True, walls=episode.walls, n_walls=len(episode.walls),
+            discs=episode.discs, n_discs=len(episode.discs), actors=actors.rows,
+            n_actors=len(actors), routes=actors.routes, n_routes=len(actors.routes),
+            start=episode.start, goal=episode.goal, arrival=episode.arrival or 0.0,
+            tolerance=tolerance if episode.tolerance is None else episode.tolerance,
+            time_limit=math.nan if episode.time_limit is None else episode.time_limit,
+            field=field, rows=field.shape[0], cols=field.shape[1], origin=grid.origin,
+            resolution=grid.resolution, path=points, n_path_points=len(points),
+        )  # fmt: skip
         if cost_to_go is not None:
-            packed_states = np.ascontiguousarray(cost_to_go.packed_states)
-            moves = np.ascontiguousarray(cost_to_go.moves)
-            pointers.point("packed_states", packed_states)
-            pointers.point("moves", moves)
-            r["state_rows"], r["state_cols"], r["n_headings"] = packed_states.shape
-            r["n_moves"], r["state_cell"] = len(moves), cost_to_go.cell
-            r["state_origin"] = cost_to_go.origin
+            states = np.ascontiguousarray(cost_to_go.packed_states)
+            moves, (rows, cols, headings) = np.ascontiguousarray(cost_to_go.moves), states.shape
+            pointers.fill(
+                packed_states=states, state_rows=rows, state_cols=cols, n_headings=headings,
+                state_cell=cost_to_go.cell, state_origin=cost_to_go.origin, moves=moves,
+                n_moves=len(moves),
+            )  # fmt: skip
         return cls(episode, geodesic, path, cost_to_go, pointers)
 
     def starting_at(self, start: Array) -> PreparedEpisode:

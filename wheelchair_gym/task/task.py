@@ -118,60 +118,46 @@ class Task:
         self, progress: Rows, prepared: Rows | None = None, tracked: Rows | None = None
     ) -> Pointers:
         """Return pointers to rows (n,) of PROGRESS, PREPARED and TRACKER, a record (1,) of TASK."""
-        rows = Pointers(np.zeros(1, TASK), TASK_TARGETS)
-        rows.record["n"] = len(progress)
-        rows.point("rules", self._pointers)
-        rows.point("progress", progress)
-        trackers: Any = np.zeros(1, TRACKERS)
+        n, trackers = len(progress), cast("Any", np.zeros(1, TRACKERS))
         if self._tracker is not None:
-            tracked = np.zeros(len(progress), TRACKER) if tracked is None else tracked
-            trackers = point_to_trackers(self._tracker, tracked, [None] * len(progress))
-        rows.point("trackers", trackers)
+            tracked = np.zeros(n, TRACKER) if tracked is None else tracked
+            trackers = point_to_trackers(self._tracker, tracked, [None] * n)
+        rows = Pointers(np.zeros(1, TASK), TASK_TARGETS)
+        rows.fill(n=n, rules=self._pointers, progress=progress, trackers=trackers)
         if prepared is not None:
             rows.point("prepared", prepared)
         return rows
 
     def _set_rules(self) -> None:
-        r, s, limits = cast("Any", self.rules[0]), self.settings, self.limits
-        point = self._pointers.point
-        r["period"] = self.period
-        r["max_steps"] = s.max_episode_steps or LARGEST_INTEGER
-        r["forward"], r["backward"], r["turn"] = limits.forward, limits.backward, limits.turn
-        laser, maximum = self.sensors.laser, max(limits.forward, limits.backward)
-        r["scanners"] = len(self._pools)
-        point("pools", self._pools)
-        point("reaches", self._reaches)
-        r["twist_max"] = np.float32(TWIST_RANGE) * np.array((maximum, limits.turn), np.float32)
-        r["points"] = 0 if self.guidance is None else len(self._ahead)
-        r["has_poses"] = self.has_poses
-        point("ahead", self._ahead)
+        s, limits, laser = self.settings, self.limits, self.sensors.laser
+        fastest = max(limits.forward, limits.backward)
+        twist_max = np.float32(TWIST_RANGE) * np.array((fastest, limits.turn), np.float32)
         self._source = source = ObservationSource(
             s,
             self._reaches,
             np.repeat(self._pools["reach"], self._pools["observed"]),
-            np.array(r["twist_max"]),
+            twist_max.astype(np.float64),
             self.footprint.half_width,
-            int(r["points"]),
+            0 if self.guidance is None else len(self._ahead),
             4 if self.has_poses else 2,
             self.has_driver,
         )
         sizes = [key.size(source) for key in observations.OBSERVATION_KEYS]
-        r["size"], r["place"] = tuple(sizes), (0, *np.cumsum(sizes[:-1]).tolist())
-        r["scaled"] = s.scaled
-        point("factors", observations.factors(source))
-        r["uses_fan"] = source.uses_fan
-        point("fan_poses", fan_poses())
-        point("back", np.array(s.trail, np.float64))
-        r["outline"], r["mount"] = self.footprint.array, (laser.x, laser.y)
-        r["laser_beams"] = laser.beams
-        r["has_driver"], r["bump_ends"] = self.has_driver, s.bump_ends
-        point("directions", laser.directions)
-        r["arrival_margin"] = 0.0 if self.sensors.pose_source == "truth" else s.arrival_margin
-        r["heading"], r["heading_tolerance"] = s.heading, s.heading_tolerance
-        r["aim"] = AIMS.index(s.aim)
-        w = s.reward
-        r["weights"] = tuple(getattr(w, term) for term in TERMS)
-        r["time_base"], r["time_factor"] = s.time_base, s.time_factor
+        self._pointers.fill(
+            period=self.period, max_steps=s.max_episode_steps or LARGEST_INTEGER,
+            forward=limits.forward, backward=limits.backward, turn=limits.turn,
+            scanners=len(self._pools), pools=self._pools, reaches=self._reaches,
+            twist_max=twist_max, points=source.points, has_poses=self.has_poses, ahead=self._ahead,
+            size=tuple(sizes), place=(0, *np.cumsum(sizes[:-1]).tolist()), scaled=s.scaled,
+            factors=observations.factors(source), uses_fan=source.uses_fan, fan_poses=fan_poses(),
+            back=np.array(s.trail, np.float64), outline=self.footprint.array,
+            mount=(laser.x, laser.y), laser_beams=laser.beams, directions=laser.directions,
+            has_driver=self.has_driver, bump_ends=s.bump_ends, aim=AIMS.index(s.aim),
+            arrival_margin=0.0 if self.sensors.pose_source == "truth" else s.arrival_margin,
+            heading=s.heading, heading_tolerance=s.heading_tolerance,
+            weights=tuple(getattr(s.reward, term) for term in TERMS),
+            time_base=s.time_base, time_factor=s.time_factor,
+        )  # fmt: skip
 
     @property
     def space(self) -> gym.spaces.Dict:

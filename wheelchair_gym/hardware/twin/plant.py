@@ -19,15 +19,15 @@ from wheelchair_gym.actors.bodies import shapes_of, write_actor_shapes
 from wheelchair_gym.actors.separation import move_the_others
 from wheelchair_gym.base.settings import InputError, dotted, dump, load, read_json
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
-from wheelchair_gym.engine import GRAVITY, VX, VY, W, X, Y, body_view
+from wheelchair_gym.engine import GRAVITY, body_view
 from wheelchair_gym.hardware.settings import check_boards
 from wheelchair_gym.sensors.laser import sense_laser
 from wheelchair_gym.sensors.settings import OdometrySettings, SensorSettings
 from wheelchair_gym.sensors.ultrasonic import sense_ultrasonic
 from wheelchair_gym.sim.chair import SimulatedChair
 from wheelchair_gym.sim.drive_train import DriveConstants, drive_constants, physics_step, pull_body
-from wheelchair_gym.sim.sensor_suite import ranger_of, scanner_of
 from wheelchair_gym.sim.settings import ChairSettings, PhysicsSettings
+from wheelchair_gym.sim.state import ranger_of, scanner_of
 from wheelchair_gym.sim.step import chair_row, prepare_step, read_true_state, workspace_of
 from wheelchair_gym.types import Episode
 
@@ -99,14 +99,14 @@ def step_plant(
     suite, p, state, world = chair_row(chairs, 0)
     k = drive_constants(p)
     fields = body_view(world.body)
-    before = (fields[X], fields[Y], fields[VX], fields[VY], fields[W])
+    before = (fields.x, fields.y, fields.vx, fields.vy, fields.w)
     bump, space = prepare_step(suite, world, state, p, before, workspace_of(chairs))
     c, s = math.cos(state.pose[2]), math.sin(state.pose[2])
     x, y = pull[0] + p.pull[0], pull[1] + p.pull[1]
     pull_body(fields, p.dt, x + c * force / p.mass, y + s * force / p.mass)
-    forward, aside = c * fields[VX] + s * fields[VY], c * fields[VY] - s * fields[VX]
+    forward, aside = c * fields.vx + s * fields.vy, c * fields.vy - s * fields.vx
     maximum = brake * p.dt * k.per_radius[0]
-    taken = brake_impulses(state, p, k, forward, aside, fields[W], maximum)
+    taken = brake_impulses(state, p, k, forward, aside, fields.w, maximum)
     for i in range(2):
         # A brake slows the wheel, and then the tyre slows the chair; until then the wheel turns
         # as the chair moves, by its speed before.

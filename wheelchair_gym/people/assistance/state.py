@@ -12,16 +12,13 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from wheelchair_gym.base.arrays import Array, Floats
 from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.compiled.address import on_stack, read_record, rows_of, table_at
-from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
-from wheelchair_gym.compiled.simd import bits_of_float
+from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry.kinematics import Limits, arc_step
 from wheelchair_gym.geometry.planar import world_to_body
-from wheelchair_gym.sensors.laser import shown_range
+from wheelchair_gym.sensors.laser import nearest_beam, shown_range
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sim.settings import ChairSettings
 
@@ -116,15 +113,6 @@ scanners_at = rows_of(SCANNER)
 ASSISTANT = read_record("ASSISTANT", globals())[0]
 
 
-assistant_rows = rows_of(ASSISTANT)
-
-
-@inlined
-def assistant_at(rows: Any, i: int) -> Any:
-    """The record of row i of a record of ASSISTANTS."""
-    return assistant_rows(rows.assistants, rows.n)[i]
-
-
 REACH = 4.0  # m from the outline's middle: farther is of no concern
 MEMORY = 10.0  # s for which what nothing looks at any more is remembered
 
@@ -182,22 +170,15 @@ def look(p: Any, a: Any, scan: Floats, twist: Array, stamp: float) -> None:
         _carry(p, a, twist, stamp, kept)
     a.stamp = stamp
     n = 0
-    none, far = bits_of_float(np.float32(np.inf)), bits_of_float(np.float32(2.0 * REACH))
     for one in scanners_at(p.scanners, p.n_scanners):
         directions = table_at(p.directions, one.first + one.beams, 2)
         for group in range(one.groups):
             low = one.first + group * one.beams // one.groups
             high = one.first + (group + 1) * one.beams // one.groups
-            nearest = none
-            for k in range(np.uint64(low), np.uint64(high)):
-                bits = bits_of_float(shown_range(scan[k]))
-                nearest = bits if bits < nearest else nearest
-            if nearest >= far:
-                continue
-            best = low
-            while bits_of_float(shown_range(scan[best])) != nearest:
-                best += 1
+            best = nearest_beam(scan, low, high)
             r = shown_range(scan[best])
+            if r >= 2.0 * REACH:
+                continue
             x = one.mount[0] + r * directions[best, 0]
             y = one.mount[1] + r * directions[best, 1]
             dx = x - p.middle

@@ -13,13 +13,8 @@ import numpy as np
 
 from wheelchair_gym.base.arrays import Array, Floats, Rows
 from wheelchair_gym.base.settings import copy_numbers, numbers_of
-from wheelchair_gym.compiled.address import (
-    Pointers,
-    prefetch,
-    read_record,
-    rows_of,
-)
-from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.compiled.address import Pointers, prefetch, read_record, rows_of
+from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.geometry.kinematics import action_of_twist, twist_of_action
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.people.assistance.methods import (
@@ -43,7 +38,6 @@ from wheelchair_gym.people.assistance.state import (
     AssistMission,
     Freedom,
     Twist,
-    assistant_at,
     look,
     margin_of,
     within_freedom,
@@ -59,14 +53,20 @@ KINDS: Final = {
 METHOD, FREEDOM = numbers_of(*KINDS), numbers_of(Freedom)
 CONSTANTS, _TARGETS = read_record("CONSTANTS", globals())
 ASSISTANTS, ASSISTANTS_TARGETS = read_record("ASSISTANTS", globals())
-_constants_at = rows_of(CONSTANTS)
-_SIZE = ASSISTANT.itemsize
+_constants_at, _assistants_at, _SIZE = rows_of(CONSTANTS), rows_of(ASSISTANT), ASSISTANT.itemsize
+
+
+@inlined
+def _assistant_row(assistants: Any, i: int) -> Any:
+    """The records of row i: constants and state; assistants: (1,) of ASSISTANTS."""
+    rows = assistants[0]
+    return _constants_at(rows.constants, 1)[0], _assistants_at(rows.assistants, rows.n)[i]
 
 
 @borrowing_kernel
 def begin_assistant(i: int, assistants: Any) -> None:
     """Reset row i for a new episode; assistants: (1,) of ASSISTANTS."""
-    a = assistant_at(assistants[0], i)
+    _, a = _assistant_row(assistants, i)
     a.stamp, a.steady, a.n_points, a.n_seen = math.nan, 0.0, 0, 0
     for k in range(2):
         a.held[k] = a.asked[k] = a.twist[k] = 0.0
@@ -95,8 +95,7 @@ def pass_stick_on(
         twist: (2,) by odometry [m/s, rad/s].
         stamp: of the reading [s].
     """
-    rows = assistants[0]
-    p, a = _constants_at(rows.constants, 1)[0], assistant_at(rows, i)
+    p, a = _assistant_row(assistants, i)
     look(p, a, scan, twist, stamp)
     a.margin = margin_of(p, a, forward, left)
     v, w = twist_of_action(forward, left, p.forward, p.backward, p.turn)
@@ -112,8 +111,7 @@ def update_assistant(
 ) -> None:
     """Take in a scan in row i, and decide on a stick; arguments as for `pass_stick_on`."""
     pass_stick_on(i, assistants, forward, left, scan, twist, stamp)
-    rows = assistants[0]
-    p, a = _constants_at(rows.constants, 1)[0], assistant_at(rows, i)
+    p, a = _assistant_row(assistants, i)
     v, w = a.asked[0], a.asked[1]
     if p.kind != STICK and (v != 0.0 or w != 0.0):
         if p.kind == SLIDE:
@@ -130,8 +128,7 @@ def update_assistant(
 @borrowing_kernel
 def assisted_twist(i: int, assistants: Any, more_v: float, more_w: float) -> Twist:
     """Row i's twist [m/s, rad/s] with more added to what its method gives, within its freedom."""
-    rows = assistants[0]
-    p, a = _constants_at(rows.constants, 1)[0], assistant_at(rows, i)
+    p, a = _assistant_row(assistants, i)
     given, asked = (a.twist[0] + more_v, a.twist[1] + more_w), (a.asked[0], a.asked[1])
     return within_freedom(given, asked, a.turn, p.turn)
 
@@ -169,13 +166,12 @@ class Assistants:
     ) -> None:  # fmt: skip
         self.states = np.zeros(0 if method is None else n, ASSISTANT)
         self.pointers = Pointers(np.zeros(1, ASSISTANTS), ASSISTANTS_TARGETS)
-        self.pointers.record["n"] = len(self.states)
+        self.pointers.fill(n=len(self.states), assistants=self.states)
         self._kind = STICK if method is None else KINDS[type(method)]
         self._limits = chair.limits
         if method is not None:
             free = freedom if freedom is not None else method.freedom
             self.pointers.point("constants", self._constants(method, free, chair, sensors, period))
-        self.pointers.point("assistants", self.states)
 
     def _constants(
         self, method: Any, freedom: Freedom, chair: ChairSettings, sensors: SensorSettings,
@@ -183,17 +179,16 @@ class Assistants:
     ) -> Pointers:  # fmt: skip
         pointers = Pointers(np.zeros(1, CONSTANTS), _TARGETS, constant=True)
         p: Any = pointers.record[0]
-        p["kind"], p["period"] = self._kind, period
         copy_numbers(p["method"], method)
         copy_numbers(p["freedom"], freedom)
         for name in ("forward", "backward", "turn", "deceleration"):
             p[name] = getattr(chair.limits, name)
         outline = chair.footprint
-        p["outline"], p["middle"] = outline.array, 0.5 * (outline.front - outline.rear)
-        pointers.point("scanners", scanners_of(sensors))
-        p["n_scanners"] = len(sensors.lasers)
-        pointers.point("directions", sensors.directions)
-        return pointers
+        return pointers.fill(
+            kind=self._kind, period=period, outline=outline.array,
+            middle=0.5 * (outline.front - outline.rear), scanners=scanners_of(sensors),
+            n_scanners=len(sensors.lasers), directions=sensors.directions,
+        )  # fmt: skip
 
     def begin(self) -> None:
         """Reset the only row for a new episode."""

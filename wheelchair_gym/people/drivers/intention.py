@@ -11,13 +11,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
-
 from wheelchair_gym.base.arrays import Array, Floats
 from wheelchair_gym.compiled.address import doubles_at, integers_at, on_stack
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.compiled.random import DRIVERS, normal, uniform
-from wheelchair_gym.compiled.simd import bits_of_float
 from wheelchair_gym.geometry.kinematics import arc_step, twist_of_action
 from wheelchair_gym.geometry.outline import signed_clearance, signed_gap
 from wheelchair_gym.geometry.planar import body_to_world, world_to_body, wrap
@@ -33,7 +30,7 @@ from wheelchair_gym.people.drivers.state import (
     SIGNALS,
     STICK,
 )
-from wheelchair_gym.sensors.laser import shown_range
+from wheelchair_gym.sensors.laser import nearest_beam, shown_range
 from wheelchair_gym.task.prepared_episode import geodesic_to_go, seconds_to_go
 
 # Indices of draws of a decision in the channel DRIVERS.
@@ -70,21 +67,14 @@ def _see(p: Any, d: Any, scan: Floats) -> None:
     """Take from a scan the obstacles that the person sees: of each sector the nearest beam."""
     sight, n = p.perception, p.beams
     sees_all = min(sight.left, sight.right, sight.neglect) >= math.pi
-    none = bits_of_float(np.float32(np.inf))
     d.n_points = 0
     epoch = math.floor(d.clock)
     for sector in range(min(SECTORS, n)):
         low, high = sector * n // min(SECTORS, n), (sector + 1) * n // min(SECTORS, n)
-        nearest = none
-        for k in range(np.uint64(low), np.uint64(high)):
-            bits = bits_of_float(shown_range(scan[k]))
-            nearest = bits if bits < nearest else nearest
-        if nearest == none:
-            continue
-        best = low
-        while bits_of_float(shown_range(scan[best])) != nearest:
-            best += 1
+        best = nearest_beam(scan, low, high)
         r = shown_range(scan[best])
+        if r == math.inf:
+            continue
         angle = p.mount[2] + p.first + p.per_beam * best
         x = p.mount[0] + r * math.cos(angle)
         y = p.mount[1] + r * math.sin(angle)

@@ -319,12 +319,12 @@ class Drivers:
     ) -> None:
         self.people = tuple(people)
         self.states = np.zeros(n if people else 0, DRIVER)
-        self.pointers = Pointers(np.zeros(1, DRIVERS), DRIVERS_TARGETS)
-        self.pointers.record["n"], self.pointers.record["people"] = len(self.states), len(people)
         constants = [np.zeros(0, CONSTANTS)]
         constants += [constants_of(one, chair, sensors, period) for one in people]
-        self.pointers.point("constants", np.concatenate(constants))
-        self.pointers.point("drivers", self.states)
+        self.pointers = Pointers(np.zeros(1, DRIVERS), DRIVERS_TARGETS).fill(
+            n=len(self.states), people=len(people), constants=np.concatenate(constants),
+            drivers=self.states,
+        )  # fmt: skip
 
     @property
     def driver(self) -> Driver | None:
