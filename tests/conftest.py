@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import time
 from collections.abc import Callable, Iterable
@@ -49,18 +50,41 @@ def until(true: Callable[[], Any], seconds: float = PATIENCE) -> Any:
     return value
 
 
-def refusal(words: list[Any], captured: Any) -> str:
-    """Return the line in which the command refuses words: code 2, nothing else is said."""
+def run(*words: Any) -> Any:
+    """The exit code of the command, whether the parser or the command gave it."""
     from agents.cli import main
 
     try:
-        code = main([str(word) for word in words])
+        return main([str(word) for word in words])
     except SystemExit as left:
-        code = left.code
+        return left.code
+
+
+def refusal(words: list[Any], captured: Any) -> str:
+    """Return the line in which the command refuses words: code 2, nothing else is said."""
+    code = run(*words)
     said = captured.readouterr()
     (line,) = [line for line in said.err.splitlines() if not line.startswith("compiling")]
     assert (code, said.out, line.partition(": ")[0]) == (2, "", "wheelchair")
     return line
+
+
+def output_of(words: list[Any], captured: Any) -> str:
+    """Return what the command prints for words that it takes."""
+    assert run(*words) == 0
+    printed: str = captured.readouterr().out
+    return printed
+
+
+def json_of(words: list[Any], captured: Any) -> Any:
+    """Return what the command prints as JSON for words that it takes."""
+    return json.loads(output_of([*words, "--json", "-"], captured))
+
+
+def json_file(path: Path, content: Any) -> Path:
+    """Write content to a file as JSON, and return its path."""
+    path.write_text(json.dumps(content))
+    return path
 
 
 def need_pty():

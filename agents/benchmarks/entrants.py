@@ -28,7 +28,7 @@ import numba
 import numpy as np
 import shapely
 
-from agents.evaluation.evaluate import Spec, label, without_labels
+from agents.evaluation.evaluate import Spec, label, named, without_labels
 from planners import PLANNERS, Plan, Problem, Space, Status, make_planner
 from planners.collision import polygon_tests
 from planners.collision.polygon_tests import SpaceArrays
@@ -394,13 +394,11 @@ def make_entrants(specs: Sequence[Any], peers: Sequence[str]) -> list[Entrant]:
     """
     found = []
     for spec in specs:
-        values = {"name": spec} if isinstance(spec, str) else dict(spec)
-        label = str(values.pop("label", values.get("name")))
-        planner = make_planner(values)
+        planner = make_planner({key: value for key, value in named(spec).items() if key != "label"})
         calls = called_planners(planner)
         timed = "deadline" in inspect.signature(planner.plan).parameters
         unlimited = with_iterations(planner, UNLIMITED)
-        found.append(Entrant(label, planner, unlimited, timed=timed, calls=calls))
+        found.append(Entrant(label(spec), planner, unlimited, timed=timed, calls=calls))
     small = Case(small_problem(), None, "unknown")
     for name in peers:
         peer, package = PEERS[name], package_of(name)

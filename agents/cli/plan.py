@@ -91,7 +91,10 @@ def _name_files(given: argparse.Namespace, thesis: ThesisFile) -> None:
 
 def _warm(planner: Any, clearance: float) -> None:
     """Compile, or load compiled code, before times are measured."""
-    _answer(planner, small_problem(min(clearance, CLEARANCE)), 0)
+    problem = small_problem(min(clearance, CLEARANCE))
+    if clearance > 0.0 and not hasattr(planner, "footprint"):
+        assert problem.free.mesh is not None  # the second process inflates last, or not at all
+    _answer(planner, problem, 0)
 
 
 def _longest_kernel(function: Callable[..., Any]) -> Kernel | None:
@@ -113,12 +116,6 @@ def _longest_kernel(function: Callable[..., Any]) -> Kernel | None:
             ):
                 functions.append(value)
     return max(kernels, key=lambda kernel: len(kernel.py_func.__code__.co_code), default=None)
-
-
-def _grow_obstacles(planner: Any, clearance: float) -> None:
-    """Compile the inflation of obstacles, which the second process does last, or not at all."""
-    if clearance > 0.0 and not hasattr(planner, "footprint"):
-        assert small_problem(min(clearance, CLEARANCE)).free.mesh is not None
 
 
 def _answer(planner: Any, problem: Problem, seed: int) -> tuple[Plan, dict[str, Any]]:
@@ -147,7 +144,6 @@ def _run_map(
     given: argparse.Namespace, planner: Any, problem: Problem, drawn: Drawn | None = None
 ) -> int:
     clearance = problem.clearance
-    _grow_obstacles(planner, clearance)
     if given.picture and drawn is None:
         _warm(Visibility(), clearance)
     _warm(planner, clearance)
@@ -207,7 +203,6 @@ def _run_map(
 def _run_problems(given: argparse.Namespace, planner: Any) -> int:
     problems = read_problems(given.problems)
     clearance = given.clearance or 0.0
-    _grow_obstacles(planner, clearance)
     _warm(planner, clearance)
     answers, lines = [], []
     for problem, optimum in problems:

@@ -142,11 +142,6 @@ def wilcoxon_p(values: Array, alternative: str = "two-sided") -> float:
     return float(scipy.stats.wilcoxon(values, alternative=alternative).pvalue)
 
 
-def mann_whitney_p(ours: Array, theirs: Array) -> float:
-    """Return the two-sided p-value of Mann and Whitney's test of two independent samples."""
-    return float(scipy.stats.mannwhitneyu(ours, theirs).pvalue)
-
-
 def mcnemar_p(ahead: int, behind: int) -> float:
     """Return McNemar's exact p-value of how often only one of two succeeds."""
     one = ahead + behind

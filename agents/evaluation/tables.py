@@ -81,8 +81,7 @@ class Table(NamedTuple):
     def html(self) -> str:
         """The table as HTML, sorted by the heading that is clicked; empty without rows."""
         page: Any = templates().get_template("macros.html").module
-        text: str = page.table(self) if any(self.groups) else ""
-        return text
+        return page.table(self) if any(self.groups) else ""
 
     def text(self) -> str:
         """The table as aligned columns for a terminal."""

@@ -24,7 +24,6 @@ from typing import Any
 
 import matplotlib as mpl
 import torch
-from stable_baselines3.common.logger import Logger
 
 from agents.evaluation import plots, provenance, statistics, tables
 from agents.evaluation.provenance import without_outputs, write_text
@@ -136,14 +135,6 @@ def episode_row(sums: Counter[str]) -> Row:
     """Return the number of episodes, and shares and means over them if there are any."""
     n, keys = sums["episodes"], ("success", "timeout", "return", "length")
     return {"episodes": n, **{key: sums[key] / n for key in keys if n}}
-
-
-def log_row(logger: Logger, row: Row) -> None:
-    """Log the numbers of a row."""
-    for key, value in row.items():
-        if key != "frames" and isinstance(value, int | float):
-            logger.record(key, value)
-    logger.dump(int(row["frames"]))
 
 
 def read_curve(folder: Path) -> list[Row]:

@@ -323,7 +323,10 @@ def train(
     try:
         while not run.done:
             row = run.learn(on_step)
-            stored.log_row(logger, row)
+            for key, value in row.items():
+                if key != "frames" and isinstance(value, int | float):
+                    logger.record(key, value)
+            logger.dump(int(row["frames"]))
             on_row(row)
     finally:
         logger.close()

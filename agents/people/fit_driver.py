@@ -427,8 +427,7 @@ def _tremor_spectrum(f: Array, rate: float, hand: Any, smoothing: float) -> Arra
         total += np.where(np.abs(g) <= 0.5 * TICK_RATE, 2.0 * TICK * shape * filtered, 0.0)
     # What Hann's window makes of it.
     wide = np.concatenate((total[1:2], total, total[-2:-1]))
-    blurred: Array = (wide[:-2] + 4.0 * wide[1:-1] + wide[2:]) / 6.0
-    return blurred
+    return (wide[:-2] + 4.0 * wide[1:-1] + wide[2:]) / 6.0
 
 
 def fit_tremor(

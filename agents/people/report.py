@@ -195,7 +195,7 @@ def _between(ours: Values, others: Values) -> Record:
     low, high = statistics.estimate([{"": y}, {"": x}], [1.0, -1.0]).interval
     return {
         "participants": len(x) + len(y), "difference": float(y.mean() - x.mean()), "low": low,
-        "high": high, "p": statistics.mann_whitney_p(y, x),
+        "high": high, "p": float(scipy.stats.mannwhitneyu(y, x).pvalue),
         "min_p": 2.0 / math.comb(len(x) + len(y), len(x)),
         "test": f"{len(x)} and {len(y)}, Mann and Whitney's",
     }  # fmt: skip

@@ -47,10 +47,6 @@ class Explore(Planned):
     seek: bool = setting(default=True)
     """Drive to the goal; false: map all there is."""
 
-    def planned(self) -> Planned:
-        """Return the settings of the policy that drives to each place."""
-        return Planned(**{key: value for key, value in vars(self).items() if key != "seek"})
-
     def make(self) -> Explorer:
         """A fresh policy."""
         return Explorer(self)
@@ -83,7 +79,7 @@ class Explorer:
         self._since = np.inf  # s since the last search
         self._seen = 0  # explored cells when frontiers were last given up
         self.state = "explore"
-        self._driver = PlannedDriver(self.config.planned())
+        self._driver = PlannedDriver(self.config)
         self._driver.reset(mission)
         self.planning = self._driver.planning
         if not self.planning.busy:

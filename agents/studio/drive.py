@@ -9,7 +9,7 @@ import dataclasses
 import math
 import re
 import time
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -212,17 +212,16 @@ class Drive:
             self._env.reset(seed=self.order.seed, options={"episode": world.episode})
         self._stick = stick
         task.replace_stick(stick)
-        reading = world.reading
-        twist = self._assistant.assist(stick, reading, task.map)
+        twist = self._assistant.assist(stick, world.reading, task.map)
         action = task.limits.action(np.asarray(twist, np.float64))
         _, _, ended, truncated, info = self._env.step(action)
         self._info, self.steps = info, self.steps + 1
         self.over, self._truncated = bool(ended or truncated), bool(truncated and not ended)
         self._minimum = min(self._minimum, info["clearance"])
         self._ending.add(info)
-        given = task.limits.twist(action) - np.array(task.shield_intervention)
-        v, w = task.limits.twist_of(stick.forward, stick.left)
-        self._changed += bool(max(abs(given[0] - v), abs(given[1] - w)) > HELP)
+        self._given = task.limits.twist(action) - np.array(task.shield_intervention)
+        asked = task.limits.twist_of(stick.forward, stick.left)
+        self._changed += bool(np.abs(self._given - asked).max() > HELP)
         if self._tracker is not None:
             self._track()
 
@@ -353,7 +352,7 @@ class Track:
         stop: called each time; the episode is to end where it returns true.
     """
 
-    def __init__(self, stop: Any = None) -> None:
+    def __init__(self, stop: Callable[[], bool] = lambda: False) -> None:
         self._stop = stop
         self._states: list[list[Any]] = []
         self._actors: list[Any] = []
@@ -391,7 +390,7 @@ class Track:
             "time": time, "length": float(truth.distance), "energy": float(truth.energy),
             "clearance_min": self._minimum,
         }  # fmt: skip
-        return len(self._states) >= MAXIMUM or (self._stop is not None and bool(self._stop()))
+        return len(self._states) >= MAXIMUM or self._stop()
 
     def content(self, name: str, outcome: str) -> dict[str, Any]:
         """The track as the page takes it.
@@ -406,7 +405,7 @@ class Track:
         }  # fmt: skip
 
 
-def recorded_track(path: Path, number: int, name: str, stop: Any = None) -> dict[str, Any]:
+def recorded_track(path: Path, number: int, name: str, stop: Callable[[], bool]) -> dict[str, Any]:
     """The track of an episode of a recording, judged again.
 
     Args:
@@ -446,7 +445,7 @@ def _replayed(recorded: RecordedEpisode, mode: str | None = None) -> Generator[t
         env.close()
 
 
-def film(recording: Path, stop: Any = None) -> Path:
+def film(recording: Path, stop: Callable[[], bool] = lambda: False) -> Path:
     """Write the film of a recorded drive beside it, drawn by the environment's own renderer.
 
     Args:
@@ -464,7 +463,7 @@ def film(recording: Path, stop: Any = None) -> Path:
     def frames() -> Iterator[Any]:
         for recorded in episodes:
             for env, _ in _replayed(recorded, "rgb_array"):
-                if stop is not None and stop():
+                if stop():
                     return
                 yield env.render()
 

@@ -7,8 +7,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-
 from agents.evaluation.assisted import StickTrace
 from agents.evaluation.evaluate import episode_env, label, without_labels
 from agents.evaluation.metrics import Record, Trace, measure
@@ -51,9 +49,7 @@ class MeasuredDrive(Drive):
         if not self.steps:
             self.begun()
         super()._advance(stick)
-        task = self._world.task
-        given = task.limits.twist(np.array(task.action)) - np.array(task.shield_intervention)
-        self._sticks.add(stick, given)
+        self._sticks.add(stick, self._given)
 
     def figures(self) -> Record:
         """The figures so far; a drive that was given up has not arrived."""

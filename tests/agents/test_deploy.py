@@ -19,7 +19,7 @@ from agents.policies import make_policy
 from agents.watch import ignore
 from tests.agents.cli.test_drive_command import rearm_by_hand
 from tests.agents.fakes import PaperWorld, corridor
-from tests.conftest import ROOT, long_but, until
+from tests.conftest import ROOT, json_of, long_but, until
 from tests.hardware.hosted import Hosted
 from tests.hardware.realtime import EPISODE, X, Y, serving
 from tests.hardware.served import signals_kept
@@ -212,11 +212,10 @@ def test_in_simulation_a_latched_shield_stands_until_time_is_up(tmp_path, capsys
     config = tmp_path / "fails.json"
     faults = {"share": 1.0, "onset": [0.5, 1.0]}
     config.write_text(json.dumps({"sensors": {"faults": faults, "pose_source": "odometry"}}))
-    words = ["simulate", "--scene", "empty", "--policy", "straight", "--config", str(config)]
-    assert main([*words, "--seed", "1", "--shield", "on", "--json", "-"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["outcome"] == "timeout"
-    assert told["stands"][0].startswith("the shield has stopped it: ")
+    words = ["simulate", "--scene", "empty", "--policy", "straight", "--config", config]
+    answer = json_of([*words, "--seed", "1", "--shield", "on"], capsys)
+    assert answer["outcome"] == "timeout"
+    assert answer["stands"][0].startswith("the shield has stopped it: ")
 
 
 def test_a_re_arm_while_the_cause_stands_is_refused_and_told():

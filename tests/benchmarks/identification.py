@@ -26,7 +26,6 @@ from wheelchair_gym.identification.excite import excite, free_floor_env
 from wheelchair_gym.identification.fit import Fit, fit
 from wheelchair_gym.identification.logs import Drive, DriveLog
 from wheelchair_gym.identification.predict import predict
-from wheelchair_gym.sim.randomization import RANDOMIZED, Randomization
 from wheelchair_gym.sim.settings import BatterySettings, ChairSettings
 from wheelchair_gym.sim.settings import PhysicsSettings as Physics
 
@@ -73,13 +72,8 @@ RELATIVE: Final = {"sigma": 0.1, "gain/(R m)": 0.03}
 
 def drive_boards(hidden: dict[str, float]) -> DriveLog:
     """Drive the emulated boards of a hidden chair by the program of `wheelchair hardware`."""
-    rows = tuple(
-        Randomization(name, low=hidden[name], high=hidden[name])  # type: ignore[arg-type]
-        for name in RANDOMIZED
-        if name in hidden
-    )
     battery = BatterySettings(initial_charge=hidden["charge"])
-    chair = ChairSettings(randomization=rows, battery=battery)
+    chair = ChairSettings(randomization=drives.exactly(hidden), battery=battery)
     odometry = dataclasses.replace(drives.SENSORS.odometry, diameter_error=0.0, track_error=0.0)
     sensors = dataclasses.replace(drives.SENSORS, odometry=odometry)
     floor = Physics(slope=hidden["slope"], downhill=hidden["downhill"])

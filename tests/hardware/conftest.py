@@ -29,3 +29,11 @@ def firmware():
     from tests.hardware.native import Native
 
     return Native(build("libfirmware.so"))
+
+
+@pytest.fixture
+def bench(firmware):
+    """The firmware of the drive board on a bench."""
+    from tests.hardware.bench import Bench
+
+    return Bench(firmware)

@@ -11,11 +11,6 @@ HELPED = protocol.CommandFlag.ASSISTED
 HELD = protocol.JoystickFlag.FRESH | protocol.JoystickFlag.HELD
 
 
-@pytest.fixture
-def bench(firmware):
-    return Bench(firmware)
-
-
 def hand(bench, seconds, ahead=0.0, held=True, manual=False, host=None):
     """Time with a hand at the joystick; the host asks for a speed, or is silent."""
     bench.target = None if host is None else (host, 0.0, HELPED)

@@ -33,11 +33,6 @@ from wheelchair_gym.hardware.boards.protocol import (
 STEP = 0.005  # s
 
 
-@pytest.fixture
-def bench(firmware):
-    return Bench(firmware)
-
-
 def off(bench):
     return bench.duty == (0.0, 0.0) and not bench.enable and not bench.release
 

@@ -1,12 +1,12 @@
 """A twin whose chair is another one than its computer believes."""
 
 import dataclasses
-import json
 import math
 
 import numpy as np
 import pytest
 
+from tests.conftest import json_file
 from tests.hardware.conftest import build_twin
 from tests.sim.worlds import box
 from wheelchair_gym.geometry.kinematics import DriveGeometry
@@ -29,8 +29,7 @@ HIDDEN = {
 def hosted(tmp_path, believed=BELIEVED):
     """A host that believes in the default chair, before one that is hidden."""
     build_twin()
-    file = tmp_path / "hidden.json"
-    file.write_text(json.dumps(HIDDEN))
+    file = json_file(tmp_path / "hidden.json", HIDDEN)
     twin = Twin(Plant(*PlantSettings.read(file, BELIEVED)), believed=believed.chair)
     twin.reset(box(3.0), 0)
     chair = TwinChair(twin, 0.1, None, believed[:2])

@@ -9,7 +9,7 @@ import pytest
 from tests.benchmarks import bounds, drive_faults
 from tests.hardware.conftest import build, build_twin
 from tests.hardware.pilot import PERIOD, Pilot
-from tests.sim.worlds import box, exact_chair
+from tests.sim.worlds import box, exact_chair, placed
 from wheelchair_gym.actors.records import NOBODY, combine, person
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.hardware.boards.protocol import (
@@ -68,8 +68,7 @@ def test_the_boards_drive_like_the_simulated_chair(pilot):
     The boards' control runs up to 5 ms after a command came, which a few instants show.
     """
     commands = np.random.default_rng(4).uniform((-0.3, -0.8), (0.8, 0.8), (5, 2))
-    sim = exact_chair(step=0.005, motor=MotorSettings(control_rate=200.0))
-    sim.reset(box(50), 0)
+    sim = placed(exact_chair(step=0.005, motor=MotorSettings(control_rate=200.0)), box(50))
     pilot.start(seconds=0.2)  # its motors have taken it over from the brakes
     start = pilot.pose
     quantum = np.array([1.0, 2.0 / 0.54]) / COUNTS / 0.1

@@ -52,20 +52,24 @@ def room(start: tuple[float, float, float] = (-0.6, -0.6, 0.0)) -> Episode:
     return Episode(nowhere, np.array(start), np.zeros(3), walls=np.array(walls), discs=discs)
 
 
-def drive(hidden: dict[str, float], episode: Episode | None = None, key: int = 5,
-          program: Any = PROGRAM) -> Driven:  # fmt: skip
-    """Drive a chair with hidden properties, as `tests.benchmarks.identification` names them."""
-    rows = tuple(
+def exactly(hidden: dict[str, float]) -> tuple[Randomization, ...]:
+    """Draws of a chair that can only give its hidden properties."""
+    return tuple(
         Randomization(name, low=hidden[name], high=hidden[name])  # type: ignore[arg-type]
         for name in RANDOMIZED
         if name in hidden
     )
+
+
+def drive(hidden: dict[str, float], episode: Episode | None = None, key: int = 5,
+          program: Any = PROGRAM) -> Driven:  # fmt: skip
+    """Drive a chair with hidden properties, as `tests.benchmarks.identification` names them."""
     battery = BatterySettings(initial_charge=hidden.get("charge", 0.9))
     odometry = OdometrySettings(diameter_error=0.0, track_error=0.0, variance=0.0)
     sensors = dataclasses.replace(SENSORS, odometry=odometry, pose_source="odometry")
     physics = Physics(0.002, hidden.get("slope", 0.0), hidden.get("downhill", 0.0))
     chair = SimulatedChair(
-        ChairSettings(randomization=rows, battery=battery), sensors, physics, PERIOD
+        ChairSettings(randomization=exactly(hidden), battery=battery), sensors, physics, PERIOD
     )
     reading = chair.reset(episode or room(), key)
     wheels, scans, stamps, poses = [chair.wheels], [reading.laser], [0.0], [chair.truth.pose]

@@ -18,7 +18,7 @@ from agents.learning.weights import shipped
 from agents.policies import POLICIES, GymPolicy, make_policy
 from tests.conftest import ROOT
 from tests.copies import COPIERS, by_pickle, differences, drive_copies
-from tests.sim.worlds import cluttered
+from tests.sim.worlds import cluttered, placed
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
 from wheelchair_gym.hardware.chair import HardwareChair
 from wheelchair_gym.hardware.ros.chair import RosChair
@@ -207,8 +207,7 @@ def test_what_is_outside_refuses_in_one_line(copied):
 
 @pytest.mark.parametrize("copied", COPIERS)
 def test_a_chair_that_was_moved_by_other_means_is_not_copied(copied):
-    chair = SimulatedChair()
-    chair.reset(cluttered(1), 0)
+    chair = placed(SimulatedChair(), cluttered(1))
     chair.drive(np.array([0.5, 0.0]))
     chair.chairs.worlds[0].body.position += (0.5, 0.0)
     chair.drive(np.array([0.5, 0.0]))

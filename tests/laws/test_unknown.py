@@ -1,13 +1,10 @@
 """Unknown cells of a given map are blocked, or free where one asks for it, wherever it is used."""
 
-import json
-
 import gymnasium as gym
 import numpy as np
 import pytest
 
-from agents.cli import main
-from tests.conftest import refusal
+from tests.conftest import json_of, refusal
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, write_map
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.types import Episode
@@ -37,8 +34,7 @@ def test_a_map_with_unknown_cells_is_the_map_that_they_make(maps, asked, capsys)
 
     def planned(name, *more):
         words = ["plan", "--map", str(folder / f"{name}.yaml"), "--planner", "visibility"]
-        assert main([*words, *ENDS_OF, "--json", "-", *more]) == 0
-        return json.loads(capsys.readouterr().out)["path"]
+        return json_of([*words, *ENDS_OF, *more], capsys)["path"]
 
     assert planned("unknown", *option) == planned(asked)
 

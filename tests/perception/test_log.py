@@ -1,12 +1,9 @@
 """Logs: what is bad is skipped and counted, or refused; what is good becomes a map."""
 
-import json
-
 import numpy as np
 import pytest
 
-from agents.cli import main
-from tests.conftest import refusal
+from tests.conftest import json_of, output_of, refusal
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.maps import OCCUPIED, read_map
 from wheelchair_gym.perception.logs import LASER, PER_TICK, TRACK, read_log
@@ -104,26 +101,24 @@ def test_a_file_without_a_scan_is_refused_in_one_line(tmp_path, capsys, content)
 
 def test_the_command_leaves_map_picture_and_figures(tmp_path, capsys):
     path = written(tmp_path, [line(k) for k in range(25)] + [BAD["truncated"]])
-    given = ["--out", tmp_path / "out", "--picture", tmp_path / "map.png", "--json", "-"]
-    assert main(["map", "--log", str(path), "--particles", "2", *map(str, given)]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["skipped"] == {"truncated": 1}
-    assert [of["name"] for of in told["maps"]] == ["odometry only", "SLAM, 2 particles"]
+    given = ["--out", tmp_path / "out", "--picture", tmp_path / "map.png"]
+    found = json_of(["map", "--log", path, "--particles", "2", *given], capsys)
+    assert found["skipped"] == {"truncated": 1}
+    assert [of["name"] for of in found["maps"]] == ["odometry only", "SLAM, 2 particles"]
     assert (read_map(tmp_path / "out" / "map.yaml").cells == OCCUPIED).any()
     assert (read_map(tmp_path / "out" / "odometry.yaml").cells == OCCUPIED).any()
     assert (tmp_path / "map.png").read_bytes().startswith(b"\x89PNG")
     blind = written(tmp_path, [line(k, far=0.0) for k in range(3)])
-    assert main(["map", "--log", str(blind), "--odometry-only", "--out", str(tmp_path)]) == 0
-    assert "no residual" in capsys.readouterr().out
+    words = ["map", "--log", blind, "--odometry-only", "--out", tmp_path]
+    assert "no residual" in output_of(words, capsys)
 
 
 def test_slam_maps_a_real_log_better_than_its_wheels(shared, tmp_path, capsys):
     log = shared / "logs" / "mines_exp1.dat"
     if not log.is_file():
         pytest.skip(f"{log} is absent")
-    given = ["--particles", "1", "--out", str(tmp_path), "--json", "-"]
-    assert main(["map", "--log", str(log), *given]) == 0
-    wheels, slam = json.loads(capsys.readouterr().out)["maps"]
+    given = ["--particles", "1", "--out", tmp_path]
+    wheels, slam = json_of(["map", "--log", log, *given], capsys)["maps"]
     assert slam["residual_median"] < 0.9 * wheels["residual_median"]
     assert slam["residual_mean"] < 0.7 * wheels["residual_mean"]
     assert slam["occupied_cells"] < 0.8 * wheels["occupied_cells"]  # walls are drawn once

@@ -133,13 +133,10 @@ def drawn():
     rooms = [(0.0, 0.0, 5.4, 0.9), (2.1, 0.9, 3.0, 2.4)]
     ends = (0.6, 0.45, 0.0), (0.9, 0.45, LEFT)
     cases.append(("three_point_turn", size, _outside(rooms, size), *ends, chair))
-    half = 0.3
-    walls = [(0.0, 1.2, 3.0 - half, 1.32), (3.0 + half, 1.2, 6.0, 1.32)]
     ends = (0.6, 0.6, 0.0), (3.0, 3.6)
-    cases.append(("midwheel_side_door", (6.0, 4.8), walls, *ends, MIDWHEEL))
-    half = 0.25
-    walls = [(0.0, 1.2, 3.0 - half, 1.32), (3.0 + half, 1.2, 6.0, 1.32)]
-    cases.append(("no_door", (6.0, 4.8), walls, *ends, chair))
+    for name, half, footprint in (("midwheel_side_door", 0.3, MIDWHEEL), ("no_door", 0.25, chair)):
+        walls = [(0.0, 1.2, 3.0 - half, 1.32), (3.0 + half, 1.2, 6.0, 1.32)]
+        cases.append((name, (6.0, 4.8), walls, *ends, footprint))
     return cases
 
 

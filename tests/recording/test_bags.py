@@ -15,7 +15,7 @@ from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 
 from agents.cli import main
 from agents.policies import GymPolicy, make_policy
-from tests.conftest import refusal
+from tests.conftest import output_of, refusal
 from wheelchair_gym import InputError
 from wheelchair_gym.actors.records import actor_shapes
 from wheelchair_gym.geometry.planar import to_world
@@ -186,8 +186,7 @@ def test_the_map_of_a_drive_is_that_of_its_bag(drive, tmp_path, capsys):
 def test_a_bag_is_judged_again_the_same(drive, tmp_path, capsys):
     own, bag, *_ = drive
     for path in (bag, as_sqlite(bag, tmp_path / "old")):
-        assert main(["replay", str(path)]) == 0
-        assert "the same rewards" in capsys.readouterr().out
+        assert "the same rewards" in output_of(["replay", path], capsys)
     (one,), (other,) = read_recording(own), read_recording(bag)
     for was, is_ in zip(one.states, other.states, strict=True):
         np.testing.assert_equal(is_.reading, was.reading)

@@ -402,9 +402,7 @@ def test_a_full_disk_ends_the_run_where_that_is_wanted(tmp_path, monkeypatch, ca
     monkeypatch.setattr("wheelchair_gym.recording.sink.McapFile", small)
     file = tmp_path / "run.mcap"
     words = ["simulate", "--scene", "empty", "--policy", "straight", "--record", str(file)]
-    assert main([*words, "--when-full", "end"]) == 2
-    (line,) = capsys.readouterr().err.strip().splitlines()
-    assert line == (
+    assert refusal([*words, "--when-full", "end"], capsys) == (
         f"wheelchair: {file}: No space left on device; the recording ends here, and the run, too"
     )
     assert len(read_recording(file)[0].verdicts) > 3

@@ -21,7 +21,7 @@ from tests.benchmarks.senses import (
     stuck,
     world,
 )
-from tests.sim.worlds import box
+from tests.sim.worlds import box, placed
 from wheelchair_gym.safety import Shield, ShieldSettings
 from wheelchair_gym.scenes.arena import EmptyRoom
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
@@ -144,8 +144,7 @@ def test_somebody_who_left_does_not_block_a_hall_for_ever():
         reading = chair.drive(shield.filter(np.array([0.8, 0.0]), reading))
     assert shield.decision.reason == "obstacle"
     stamp, blocked = reading.stamp, 0
-    alone = SimulatedChair()
-    alone.reset(dataclasses.replace(hall, start=chair.truth.pose), 1)
+    alone = placed(SimulatedChair(), dataclasses.replace(hall, start=chair.truth.pose), 1)
     for k in range(80):
         given = shield.filter(np.array([0.8, 0.0]), reading)
         reading = alone.drive(given)

@@ -1,6 +1,5 @@
 """Laws of every scene, over the whole registry."""
 
-import json
 import math
 
 import numpy as np
@@ -8,6 +7,7 @@ import pytest
 import shapely
 from PIL import Image
 
+from tests.conftest import json_file
 from tests.copies import COPIERS, differences
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.compiled.random import numpy_integer, numpy_stream, numpy_uniform
@@ -27,9 +27,7 @@ WORLDS = [
 
 @pytest.fixture(scope="session")
 def worlds(tmp_path_factory):
-    path = tmp_path_factory.mktemp("barn") / "worlds.json"
-    path.write_text(json.dumps(WORLDS))
-    return path
+    return json_file(tmp_path_factory.mktemp("barn") / "worlds.json", WORLDS)
 
 
 @pytest.fixture(params=[*sorted(SCENES), "barn of a file"])

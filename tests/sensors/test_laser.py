@@ -39,6 +39,15 @@ def brute_force(x, y, yaw, angles, walls, discs, reach):
     return best, coin
 
 
+def nearest_in_cone(x, y, yaw, half, walls, discs, reach):
+    """The nearest hit of dense rays in a cone of half an angle, some beside the ends of walls."""
+    ends = np.arctan2(walls[:, 1::2] - y, walls[:, ::2] - x).ravel() - yaw
+    ends = (ends + math.pi) % (2 * math.pi) - math.pi  # a wall may be seen edge-on
+    ends = np.concatenate([ends - 1e-9, ends + 1e-9])
+    rays = np.concatenate([np.linspace(-half, half, 10001), ends[np.abs(ends) <= half]])
+    return brute_force(x, y, yaw, rays, walls, discs, reach)[0].min()
+
+
 def random_world(rng):
     n, m = rng.integers(0, 40), rng.integers(0, 8)
     middle, half = rng.uniform(-9, 9, (n, 2)), rng.uniform(0.05, 3, n)[:, None] / 2

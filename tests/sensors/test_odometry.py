@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.sim.worlds import box, exact_chair
+from tests.sim.worlds import box, exact_chair, placed
 from wheelchair_gym.geometry.planar import wrap_angle
 from wheelchair_gym.sensors.settings import ModelledPose, OdometrySettings, SensorSettings
 from wheelchair_gym.sim.chair import SimulatedChair
@@ -31,8 +31,7 @@ def test_without_errors_dead_reckoning_holds_to_the_encoder_quantum():
 
 
 def test_twist_errs_by_at_most_a_count_in_a_period():
-    chair = exact_chair()
-    chair.reset(box(50), 0)
+    chair = placed(exact_chair(), box(50))
     quantum = 1 / 4346 / 0.1
     for _ in range(60):
         reading = chair.drive(np.array([0.5, 0.0]))
@@ -90,8 +89,7 @@ def test_modelled_pose_has_its_deviation_correlation_and_clip():
 
 
 def test_truth_is_the_truth():
-    chair = SimulatedChair(sensors=SensorSettings(pose_source="truth"))
-    chair.reset(box(50), 3)
+    chair = placed(SimulatedChair(sensors=SensorSettings(pose_source="truth")), box(50), 3)
     for reading, truth in wander(chair, 50):
         assert reading.pose == pytest.approx(truth.pose, abs=1e-12)
 

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.sim.worlds import cluttered
+from tests.sim.worlds import cluttered, placed
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.sensors import settings
 from wheelchair_gym.sim.chair import SimulatedChair
@@ -63,8 +63,7 @@ def test_of_several_scanners_one_fails():
     sensors = dataclasses.replace(THREE, faults=settings.FaultSettings(share=1.0, onset=(0.1, 0.1)))
     failed = set()
     for key in range(40):
-        chair = SimulatedChair(sensors=sensors)
-        chair.reset(cluttered(2), key)
+        chair = placed(SimulatedChair(sensors=sensors), cluttered(2), key)
         for twist in TWISTS:
             reading = chair.drive(twist)
         dark = [bool(np.isnan(reading.laser[at]).all()) for at in sensors.slices]
@@ -85,8 +84,7 @@ def test_columns_of_unmounted_ultrasonics_are_invalid(mounted):
 
 @pytest.mark.parametrize("mounted", [1, 3, 10])
 def test_the_mounted_ones_fire_in_their_turn(mounted):
-    chair = SimulatedChair(sensors=some(mounted))
-    chair.reset(cluttered(2), 5)
+    chair = placed(SimulatedChair(sensors=some(mounted)), cluttered(2), 5)
     for _ in range(30):
         age = chair.drive(TWISTS[0]).age[:mounted]
         assert age.max() < 0.06 * mounted

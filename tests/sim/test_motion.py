@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.copies import same_fields
-from tests.sim.worlds import box, cluttered, exact_chair
+from tests.sim.worlds import box, cluttered, exact_chair, placed
 from wheelchair_gym.engine import GRAVITY
 from wheelchair_gym.geometry.planar import to_world
 from wheelchair_gym.sim.settings import BatterySettings, BodySettings
@@ -31,8 +31,7 @@ def test_a_straight_drive_and_its_stop_keep_the_limits():
     From top speed, jerk 1.0 m/s3 up to 0.8 m/s2, and down again.
     """
     for twist, speed in ((BACKWARD, -0.3), (FORWARD, 0.8)):
-        chair = exact_chair(step=0.01)
-        chair.reset(box(50), 0)
+        chair = placed(exact_chair(step=0.01), box(50))
         _, twists = run(chair, 2 * twist, 80)
         assert twists[-20:, 0] == pytest.approx(speed, rel=0.005)
         assert np.abs(twists[:, 0]).max() <= abs(speed) * 1.02
@@ -52,8 +51,7 @@ def test_a_straight_drive_and_its_stop_keep_the_limits():
 
 def test_a_pivot_turns_about_the_axle_within_the_footprint_circle():
     """ISO 7176-5: pivot width is twice the farthest corner's distance from the axle."""
-    chair = exact_chair()
-    chair.reset(box(50), 0)
+    chair = placed(exact_chair(), box(50))
     poses, twists = run(chair, PIVOT, 80)
     assert twists[-20:, 1] == pytest.approx(1.0, rel=0.02)
     outlines = np.vstack([to_world(chair.settings.footprint.corners, pose) for pose in poses])
@@ -63,8 +61,7 @@ def test_a_pivot_turns_about_the_axle_within_the_footprint_circle():
 
 def test_a_curve_has_the_radius_that_was_asked_for():
     """ISO 7176-5: turning diameter."""
-    chair = exact_chair()
-    chair.reset(box(50), 0)
+    chair = placed(exact_chair(), box(50))
     poses, _ = run(chair, np.array([0.5, 0.4]), 300)
     poses = poses[100:]
     centre = np.linalg.lstsq(
@@ -80,8 +77,7 @@ def test_halving_the_physics_step_hardly_moves_the_end():
     ends, ways = [], []
     commands = np.random.default_rng(3).uniform((0.2, -0.8), (0.8, 0.8), (10, 2))
     for step in (0.01, 0.005):
-        chair = exact_chair(step=step)
-        chair.reset(box(50), 0)
+        chair = placed(exact_chair(step=step), box(50))
         for command in commands:
             run(chair, command, 10)
         ends.append(chair.truth.pose)
@@ -112,8 +108,7 @@ def test_a_push_beyond_friction_slides_and_a_weaker_one_does_not():
     """Sideways at the axle, tyres hold up to friction times their load."""
     slid = {}
     for share in (0.8, 1.3):
-        chair = exact_chair()
-        chair.reset(box(50), 0)
+        chair = placed(exact_chair(), box(50))
         run(chair, STILL, 3)
         body = chair.settings.body
         load = body.mass * GRAVITY * (1 - body.centre_of_mass / body.wheelbase)
@@ -134,8 +129,7 @@ def test_a_push_beyond_friction_slides_and_a_weaker_one_does_not():
 def test_no_energy_from_nothing():
     """The battery gives at least the energy of motion, and never gains over a whole drive."""
     free = BatterySettings(idle_power=0.0, regeneration=0.95)
-    chair = exact_chair(battery=free)
-    chair.reset(box(50), 0)
+    chair = placed(exact_chair(battery=free), box(50))
     p = chair.parameters[0]
     rng = np.random.default_rng(1)
     for _ in range(60):
@@ -151,8 +145,7 @@ def test_no_energy_from_nothing():
 
 
 def test_a_protective_stop_is_hard_and_keeps_the_curve():
-    chair = exact_chair()
-    chair.reset(box(50), 0)
+    chair = placed(exact_chair(), box(50))
     run(chair, np.array([0.8, 0.6]), 60)
     before = chair.truth.pose
     chair.drive(FORWARD, True)  # any command
@@ -168,8 +161,7 @@ def test_a_protective_stop_is_hard_and_keeps_the_curve():
 @pytest.mark.parametrize("angle", [0.0, 0.3, 0.8, 1.2, math.pi])
 def test_a_wall_stops_the_chair_and_the_bumper_tells(angle):
     """At full speed, at any angle: it stays out of the wall, and reports the bump."""
-    chair = exact_chair()
-    chair.reset(box(3, (0.0, 0.0, angle)), 0)
+    chair = placed(exact_chair(), box(3, (0.0, 0.0, angle)))
     command = BACKWARD if angle == math.pi else FORWARD
     bumped = False
     for _ in range(200):
@@ -180,8 +172,7 @@ def test_a_wall_stops_the_chair_and_the_bumper_tells(angle):
 
 
 def test_a_stalled_chair_does_not_turn_its_wheels():
-    chair = exact_chair()
-    chair.reset(box(2, (0.5, 0.0, 0.0)), 0)
+    chair = placed(exact_chair(), box(2, (0.5, 0.0, 0.0)))
     run(chair, FORWARD, 60)
     before = chair.state["turned"][0].copy()
     run(chair, FORWARD, 20)
@@ -191,8 +182,7 @@ def test_a_stalled_chair_does_not_turn_its_wheels():
 
 def test_weak_friction_spins_the_wheels():
     slippery = BodySettings(friction=0.05)
-    chair = exact_chair(body=slippery)
-    chair.reset(box(50), 0)
+    chair = placed(exact_chair(body=slippery), box(50))
     _, twists = run(chair, FORWARD, 20)
     maximum = 0.05 * GRAVITY * (1 - slippery.centre_of_mass / slippery.wheelbase)
     assert (np.diff(twists[:, 0]) / 0.1).max() <= maximum * 1.02
@@ -222,8 +212,7 @@ def test_used_worlds_repeat_fresh_ones():
         return chair.state.copy(), hits
 
     fresh, hits = drive(exact_chair())
-    used = exact_chair()
-    used.reset(episode, 1)
+    used = placed(exact_chair(), episode, 1)
     run(used, np.array([0.8, -0.6]), 80)
     assert same_fields(drive(used)[0], fresh)
     assert hits >= 5

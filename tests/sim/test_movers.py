@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from tests.sensors.test_laser import brute_force
-from tests.sim.worlds import box, busy, exact_chair
+from tests.sensors.test_laser import brute_force, nearest_in_cone
+from tests.sim.worlds import box, busy, exact_chair, placed
 from wheelchair_gym.actors import records
 from wheelchair_gym.actors.orca import HALF_PLANES, avoid_wall, best_velocity
 from wheelchair_gym.geometry.outline import footprint_clearance
@@ -36,8 +36,7 @@ def crowds(seeds, **settings):
     scene = make_scene({"name": "crowd", **settings})
     for seed in seeds:
         episode = scene.sample(np.random.default_rng(seed))
-        chair = SimulatedChair(sensors=QUIET)
-        chair.reset(episode, seed)
+        chair = placed(SimulatedChair(sensors=QUIET), episode, seed)
         yield chair, episode
 
 
@@ -92,13 +91,9 @@ def test_cones_hear_movers_where_they_were_when_fired():
         discs, segments = records.actor_shapes(episode.actors, truth.actor_poses)
         x, y = to_world((mount.x, mount.y), truth.pose)
         walls, others = np.vstack([episode.walls, segments]), np.vstack([episode.discs, discs])
-        yaw, half = truth.pose[2] + mount.yaw, model.field_of_view / 2
-        ends = np.arctan2(segments[:, 1::2] - y, segments[:, ::2] - x).ravel() - yaw
-        ends = (ends + math.pi) % (2 * math.pi) - math.pi  # a leaf may be seen edge-on
-        ends = np.concatenate([ends - 1e-9, ends + 1e-9])
-        rays = np.concatenate([np.linspace(-half, half, 4001), ends[np.abs(ends) <= half]])
-        nearest = brute_force(x, y, yaw, rays, walls, others, model.reach)[0].min()
-        fixed = brute_force(x, y, yaw, rays, episode.walls, episode.discs, model.reach)[0].min()
+        cone = x, y, truth.pose[2] + mount.yaw, model.field_of_view / 2
+        nearest = nearest_in_cone(*cone, walls, others, model.reach)
+        fixed = nearest_in_cone(*cone, episode.walls, episode.discs, model.reach)
         if nearest < model.reach:
             told = reading.ultrasonic[which]
             assert (
@@ -176,8 +171,7 @@ def test_people_never_press_the_chair_through_a_wall_while_it_drives():
     ]
     crowd.append(records.furniture((0.9, -1.5, 0.0), (0.5, 0.4), 8.0))
     episode = among(*crowd, half=3.0, start=(-0.8, -2.55, 0.1))
-    chair = exact_chair()
-    chair.reset(episode, 1)
+    chair = placed(exact_chair(), episode, 1)
     rng, contacts = np.random.default_rng(0), 0
     for k in range(400):
         if k % 20 == 0:
@@ -193,8 +187,7 @@ def test_people_never_press_the_chair_through_a_wall_while_it_drives():
 
 def test_light_furniture_is_pushed_and_stays_where_it_is_left():
     for size in ((0.5, 0.4), (0.2, 0.0)):
-        chair = exact_chair()
-        chair.reset(among(records.furniture((1.3, 0.0, 0.0), size, 8.0)), 0)
+        chair = placed(exact_chair(), among(records.furniture((1.3, 0.0, 0.0), size, 8.0)))
         bumped = False
         for _ in range(30):
             bumped |= chair.drive(FORWARD).bumped
@@ -228,8 +221,7 @@ def test_light_furniture_is_pushed_and_stays_where_it_is_left():
     ],
 )
 def test_a_chair_that_drives_into_something_is_at_fault(thing, at_fault, contact_with):
-    chair = exact_chair()
-    chair.reset(among(thing, half=3.0), 0)
+    chair = placed(exact_chair(), among(thing, half=3.0))
     for _ in range(120):
         reading = chair.drive(FORWARD)
         if chair.truth.contact:
@@ -250,8 +242,7 @@ def test_a_chair_that_is_shoved_into_a_wall_has_not_caused_it(twist):
     """Somebody pushes a trolley into its back; the wall is 20 cm ahead."""
     trolley = records.furniture((3.4, 0.1, 0.0), (0.6, 0.6), 120.0, 0.02)
     runner = records.person([(1.5, 0.1), (6.0, 0.1)], 2.0, avoids=records.NOBODY, mass=200.0)
-    chair = exact_chair()
-    chair.reset(among(trolley, runner, half=5.0, start=(4.1, 0.0, 0.0)), 0)
+    chair = placed(exact_chair(), among(trolley, runner, half=5.0, start=(4.1, 0.0, 0.0)))
     hardest = 0.0
     for _ in range(60):
         chair.drive(np.array(twist))
@@ -264,8 +255,7 @@ def test_a_chair_that_is_shoved_into_a_wall_has_not_caused_it(twist):
 @pytest.mark.parametrize("friction", [0.05, 0.2, 0.7])
 def test_a_chair_that_slides_into_a_wall_has_caused_it(friction):
     """It is told to stand when it is too late: what it still does is its own doing."""
-    chair = exact_chair(body=BodySettings(friction=friction))
-    chair.reset(among(half=5.0), 0)
+    chair = placed(exact_chair(body=BodySettings(friction=friction)), among(half=5.0))
     stop_at = 5.0 - 0.7 - 0.15
     for _ in range(120):
         chair.drive(FORWARD if chair.truth.pose[0] < stop_at else STILL)
@@ -342,8 +332,7 @@ def test_a_leaf_seen_end_on_is_as_wide_as_it_is_thick():
 def test_a_leaf_that_is_held_waits_at_a_distance():
     """It closes on a timetable while the chair stands in its way."""
     leaf = records.door((0.0, 1.0), 0.0, 1.2, -math.pi / 2, since=0.0, stay=3.0, minimum=0.15)
-    chair = exact_chair()
-    chair.reset(among(leaf, start=(0.0, 0.0, 0.0)), 0)
+    chair = placed(exact_chair(), among(leaf, start=(0.0, 0.0, 0.0)))
     for _ in range(80):
         chair.drive(STILL)
         _, segments = records.actor_shapes(chair._episode.actors, chair.truth.actor_poses)
@@ -367,8 +356,7 @@ def test_a_leaf_closes_on_nobody_while_it_leaves_another():
 def test_obstacles_appear_at_their_distance_and_go_again():
     things = [records.obstacle((2.5, 0.0), 0.25, near=1.4, minimum=1.2, stay=3.0),
               records.obstacle((0.9, 0.2), 0.25, since=1.0, minimum=1.2, stay=1.0)]  # fmt: skip
-    chair = exact_chair()
-    chair.reset(among(*things), 0)
+    chair = placed(exact_chair(), among(*things))
     there, first = [], math.nan
     for k in range(80):
         chair.drive(np.array([0.2 if k < 30 else 0.0, 0.0]))

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.sim.worlds import box, exact_chair
+from tests.sim.worlds import box, exact_chair, placed
 from wheelchair_gym.actors.bodies import LEG_FORCE
 from wheelchair_gym.actors.records import (
     CURIOUS,
@@ -50,8 +50,7 @@ def watch(things, seconds, twist=STILL, half=6.0, start=(0.0, 0.0, 0.0), key=0, 
     episode = dataclasses.replace(box(half, start), actors=combine(things))
     if len(walls):
         episode = dataclasses.replace(episode, walls=np.vstack([episode.walls, walls]))
-    chair = exact_chair()
-    chair.reset(episode, key)
+    chair = placed(exact_chair(), episode, key)
     poses, own, contacts = [chair.truth.actor_poses], [chair.truth.pose], 0
     for _ in range(round(10 * seconds)):
         chair.drive(np.asarray(twist, float))
@@ -111,8 +110,7 @@ def test_a_person_who_walks_by_social_forces_faces_their_motion():
     episode = dataclasses.replace(
         box(6.0), actors=combine([person(route, 1.2, model=SOCIAL_FORCE)])
     )
-    chair = exact_chair()
-    chair.reset(episode, 0)
+    chair = placed(exact_chair(), episode)
     state = chair.chairs.pointers.array("actor_states")
     aside, turned = [], 0.0
     for _ in range(110):

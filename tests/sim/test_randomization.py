@@ -6,7 +6,7 @@ import hashlib
 import numpy as np
 import pytest
 
-from tests.sim.worlds import box, busy, cluttered
+from tests.sim.worlds import box, busy, cluttered, placed
 from wheelchair_gym.base.settings import InputError, load
 from wheelchair_gym.geometry.kinematics import DriveGeometry
 from wheelchair_gym.safety import Shield
@@ -121,8 +121,7 @@ def test_a_joint_row_draws_its_covariance():
 
 
 def test_without_rows_an_episode_is_as_the_settings_say():
-    chair = SimulatedChair(sensors=TWO)
-    chair.reset(box(), 7)
+    chair = placed(SimulatedChair(sensors=TWO), box(), 7)
     base, now = chair.chairs.base, chair.parameters
     for name in ("laser_sigma", "laser_bias", "laser_dropout", "laser_mount", "ranger_sigma"):
         assert np.array_equal(base[name], now[name])
@@ -239,8 +238,7 @@ def test_a_ratio_of_the_wheels_that_is_known_is_no_error():
     yaws = {}
     for name, settings in drives.items():
         sensors = SensorSettings(pose_source="odometry", odometry=OdometrySettings(0.0, 0.0, 0.0))
-        chair = SimulatedChair(settings, sensors)
-        chair.reset(box(50.0), 0)
+        chair = placed(SimulatedChair(settings, sensors), box(50.0))
         for _ in range(80):
             reading = chair.drive(np.array([0.5, 0.0]))
         p = chair.parameters[0]
@@ -257,8 +255,7 @@ def test_a_chair_rolls_down_a_slope_that_its_motors_do_not_hold():
     free = ChairSettings(motor=MotorSettings(resistance=100.0, kp=0.0, ki=0.0, ka=0.0))
     for downhill, sign in ((0.0, 1.0), (np.pi, -1.0), (np.pi / 2.0, 0.0)):
         physics = PhysicsSettings(slope=0.05, downhill=downhill)
-        chair = SimulatedChair(free, SensorSettings(noise=False), physics)
-        chair.reset(box(50.0), 0)
+        chair = placed(SimulatedChair(free, SensorSettings(noise=False), physics), box(50.0))
         for _ in range(10):
             chair.drive(np.zeros(2))
         speed = 9.81 * np.sin(0.05) * 1.0

@@ -52,6 +52,12 @@ def exact_chair(step: float = 0.01, **chair: Any) -> SimulatedChair:
     return SimulatedChair(ChairSettings(**chair), sensors, PhysicsSettings(step=step))
 
 
+def placed(chair: SimulatedChair, episode: Episode, key: int = 0) -> SimulatedChair:
+    """The chair, at the start of an episode."""
+    chair.reset(episode, key)
+    return chair
+
+
 def busy(seed: int, start: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Episode:
     """A room with everything that moves: people of each kind, doors, obstacles, furniture."""
     rng = np.random.default_rng(seed)

@@ -12,6 +12,7 @@ from agents import cli
 from agents.benchmarks.environments import irsim_world, wall_loops
 from agents.learning.run import PARTS
 from tests.agents.learning.tiny_runs import tiny
+from tests.conftest import json_file, json_of, output_of, refusal
 from wheelchair_gym.base.settings import dump
 from wheelchair_gym.envs import EnvSettings
 from wheelchair_gym.scenes import make_scene
@@ -21,19 +22,18 @@ QUICK += ["--seconds", "0.1", "--no-startup", "--no-peers"]
 
 
 def test_each_size_is_measured_and_written(tmp_path, capsys):
-    assert cli.main(["bench", "env", *QUICK, "--out", str(tmp_path), "--json", "-"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told == json.loads((tmp_path / "env.json").read_text())
+    found = json_of(["bench", "env", *QUICK, "--out", tmp_path], capsys)
+    assert found == json.loads((tmp_path / "env.json").read_text())
     rates = {
         (row["what"], row["beams"], row["envs"], row["threads"]): row["rate"]
-        for row in told["rows"]
+        for row in found["rows"]
         if "rate" in row
     }
     sizes = [("one env", 1, 1), ("batch", 1, 1), ("batch", 3, 1), ("batch", 3, 2)]
     assert set(rates) == {(what, beams, n, t) for beams in (16, 32) for what, n, t in sizes}
     assert min(rates.values()) > 0
-    assert told["settings"]["bank"] == 2
-    assert {"command", "machine", "versions", "commit"} <= set(told)
+    assert found["settings"]["bank"] == 2
+    assert {"command", "machine", "versions", "commit"} <= set(found)
 
 
 def test_a_person_and_an_assistant_are_measured_beside_batches_without(tmp_path):
@@ -58,15 +58,13 @@ def test_the_peer_drives_between_the_same_walls():
 
 @pytest.mark.parametrize("algorithm", ["ppo", "td3"])
 def test_every_part_of_a_training_run_is_measured(algorithm, tmp_path, capsys):
-    config = tmp_path / "run.json"
-    config.write_text(json.dumps(dump(tiny(algorithm))))
+    config = json_file(tmp_path / "run.json", dump(tiny(algorithm)))
     command = ["bench", "train", algorithm, "--config", str(config), "--frames", "96"]
-    assert cli.main([*command, "--set", "device=cpu", "--json", str(tmp_path / "found.json")]) == 0
+    said = output_of([*command, "--set", "device=cpu", "--json", tmp_path / "found.json"], capsys)
     found = json.loads((tmp_path / "found.json").read_text())
     assert tuple(found["seconds"]) == tuple(PARTS)
     assert min(found["seconds"].values()) >= 0.0
     assert (found["frames"], found["device"]) == (96, "cpu")
-    assert "networks on cpu" in capsys.readouterr().out
+    assert "networks on cpu" in said
     if not torch.cuda.is_available():
-        assert cli.main([*command, "--set", "device=cuda"]) == 2
-        assert "torch finds no GPU" in capsys.readouterr().err
+        assert "torch finds no GPU" in refusal([*command, "--set", "device=cuda"], capsys)

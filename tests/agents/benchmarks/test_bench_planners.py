@@ -12,11 +12,11 @@ import pytest
 
 from agents import cli
 from agents.benchmarks import entrants, planner_benchmark
-from agents.benchmarks import entrants as contest
 from agents.benchmarks.planner_benchmark import COLD, FREE, ranking, summarise
 from agents.evaluation.metrics import path_figures, printed_turning, turning
 from agents.studies import experiments
 from planners import PLANNERS, Plan, Problem, Space, Status, make_planner
+from tests.conftest import json_file
 from tests.copies import differences
 from wheelchair_gym.base.settings import dump
 
@@ -48,15 +48,13 @@ class Clumsy:
 
 @pytest.fixture
 def problems(tmp_path):
-    file = tmp_path / "problems.json"
-    file.write_text(json.dumps([HALL | {"optimum": 3.23606797}, OPEN]))
-    return file
+    return json_file(tmp_path / "problems.json", [HALL | {"optimum": 3.23606797}, OPEN])
 
 
 @pytest.fixture
 def ghost(monkeypatch):
     found = Ghost()
-    monkeypatch.setitem(contest.PEERS, "numpy_ghost", found)
+    monkeypatch.setitem(entrants.PEERS, "numpy_ghost", found)
     return found
 
 
@@ -135,7 +133,7 @@ def test_ctrl_c_keeps_what_is_done(problems, ghost, tmp_path, capsys, monkeypatc
 
 
 def test_a_first_path_is_that_of_a_run_that_ends_with_it(problems):
-    (case,) = contest.stored_cases(problems, ["hall"])
+    (case,) = entrants.stored_cases(problems, ["hall"])
     planner = make_planner({"name": "rrt_star", "iterations": 30_000})
     record = planner_benchmark.run_once(planner, case, 0, FREE)
     assert record["first_path_s"] > 0.0
@@ -145,7 +143,7 @@ def test_a_first_path_is_that_of_a_run_that_ends_with_it(problems):
 
 
 def test_a_crash_of_one_planner_ends_nothing(problems, tmp_path, monkeypatch):
-    monkeypatch.setitem(contest.PEERS, "numpy_clumsy", Clumsy())
+    monkeypatch.setitem(entrants.PEERS, "numpy_clumsy", Clumsy())
     bench("--problems", problems, out=tmp_path, peers="numpy_clumsy")
     result = json.loads((tmp_path / "planners.json").read_text())
     (row,) = (r for r in result["rows"] if (r["planner"], r["problem"]) == ("numpy_clumsy", "hall"))
@@ -154,12 +152,12 @@ def test_a_crash_of_one_planner_ends_nothing(problems, tmp_path, monkeypatch):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", contest.PEERS)
+@pytest.mark.parametrize("name", entrants.PEERS)
 def test_a_peer_that_is_installed_solves_and_keeps_to_a_deadline(name, problems):
     if not entrants.installed(entrants.package_of(name)):
         pytest.skip(f"{entrants.package_of(name)} is not installed")
-    (case,) = contest.stored_cases(problems, ["hall"])
-    ready = entrants.prepare(contest.PEERS[name], case)
+    (case,) = entrants.stored_cases(problems, ["hall"])
+    ready = entrants.prepare(entrants.PEERS[name], case)
     for deadline in (None, 0.05):
         plan = ready.plan(case.problem, np.random.default_rng(0), deadline)
         assert plan.status == Status.SOLVED
@@ -170,7 +168,7 @@ def test_a_missing_package_is_one_line_that_names_the_extra(monkeypatch):
     monkeypatch.setattr(entrants, "installed", lambda package: package == "mealpy")
     here, lines = entrants.select_peers(None)
     assert here == ["mealpy_woa", "mealpy_pso"]
-    assert len(lines) == len(set(map(entrants.package_of, contest.PEERS))) - 1
+    assert len(lines) == len(set(map(entrants.package_of, entrants.PEERS))) - 1
     assert all("pip install 'wheelchair_gym[peers]'" in line for line in lines)
     with pytest.raises(entrants.InputError, match="ompl is not installed: pip install"):
         entrants.select_peers(["ompl_bit_star"])
@@ -179,22 +177,22 @@ def test_a_missing_package_is_one_line_that_names_the_extra(monkeypatch):
 @pytest.mark.parametrize("name", PLANNERS)
 def test_a_deadline_lifts_limits_of_iterations_and_nothing_else(name):
     planner = make_planner(name)
-    lifted = differences(dump(planner), dump(contest.with_iterations(planner, contest.UNLIMITED)))
+    lifted = differences(dump(planner), dump(entrants.with_iterations(planner, entrants.UNLIMITED)))
     changes = dict(line.split(": ") for line in lifted)  # of each key: the value before and after
     assert all(key.endswith(".iterations") and "whales" not in key for key in changes)
-    assert {change.split(", ")[1] for change in changes.values()} <= {f"{contest.UNLIMITED}"}
+    assert {change.split(", ")[1] for change in changes.values()} <= {f"{entrants.UNLIMITED}"}
     assert ".iterations" in changes or not hasattr(planner, "iterations")
 
 
 def test_hybrids_are_those_that_call_another_planner():
-    assert contest.called_planners(make_planner("rrt_star_woa_global")) == ("rrt_star",)
-    assert contest.called_planners(make_planner("rrt_star")) == ()
+    assert entrants.called_planners(make_planner("rrt_star_woa_global")) == ("rrt_star",)
+    assert entrants.called_planners(make_planner("rrt_star")) == ()
     # It lends the tree's settings and calls nobody.
-    assert contest.called_planners(make_planner("rrt_star_woa_local")) == ()
+    assert entrants.called_planners(make_planner("rrt_star_woa_local")) == ()
 
 
 def test_hybrids_and_late_answers_do_not_rank(problems):
-    cases = contest.stored_cases(problems, ["hall"])
+    cases = entrants.stored_cases(problems, ["hall"])
     record = {
         "problem": "hall", "seed": 0, "status": "solved", "length_m": 3.3, "faults": 0,
         "nodes": 1, "turning_rad": 0.1, "printed_turning": 1.0, "clearance_min_m": 0.0,
@@ -202,10 +200,10 @@ def test_hybrids_and_late_answers_do_not_rank(problems):
         "cpu_s": 0.1,
     }  # fmt: skip
     runners = [
-        contest.Entrant("ours", None, None),
-        contest.Entrant("hybrid", None, None, calls=("ours",)),
-        contest.Entrant("late", None, None),
-        contest.Entrant("slow", None, None, timed=False),
+        entrants.Entrant("ours", None, None),
+        entrants.Entrant("hybrid", None, None, calls=("ours",)),
+        entrants.Entrant("late", None, None),
+        entrants.Entrant("slow", None, None, timed=False),
     ]
     walls = {"ours": 0.1, "hybrid": 0.1, "late": 0.2, "slow": 0.11}
     records = [
@@ -220,8 +218,8 @@ def test_hybrids_and_late_answers_do_not_rank(problems):
 
 
 def test_problems_of_scenes_are_for_a_disc_as_wide_as_the_chair():
-    (case,) = contest.scene_cases(["clutter"])
-    assert case.problem.clearance == pytest.approx(0.31 + contest.MARGIN)
+    (case,) = entrants.scene_cases(["clutter"])
+    assert case.problem.clearance == pytest.approx(0.31 + entrants.MARGIN)
     assert case.optimum_source == "visibility"
     assert not case.judge.faults([case.problem.start, case.problem.start])
 

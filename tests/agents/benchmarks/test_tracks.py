@@ -13,7 +13,7 @@ from agents.benchmarks import tracks
 from agents.cli import main
 from agents.evaluation.evaluate import drive_episode, make_env
 from agents.policies import make_policy
-from tests.conftest import long_but, refusal
+from tests.conftest import long_but, output_of, refusal
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.types import Command
 
@@ -89,12 +89,10 @@ def test_a_policy_that_fails_is_reported(name, said):
 
 def test_results_are_verified_and_changed_ones_are_found(tmp_path, capsys):
     words = ["benchmark", "run", "straight", "--track", "tiny", "--out", f"{tmp_path}"]
-    assert main([*words, "--jobs", "1", "--quiet"]) == 0
-    assert "100.0% of 2 arrive" in capsys.readouterr().out
+    assert "100.0% of 2 arrive" in output_of([*words, "--jobs", "1", "--quiet"], capsys)
     file = tmp_path / "tiny.json"
     verify = ["benchmark", "verify", f"{file}", "--jobs", "1", "--quiet"]
-    assert main(verify) == 0
-    assert capsys.readouterr().out.endswith("agrees\n")
+    assert output_of(verify, capsys).endswith("agrees\n")
     result = json.loads(file.read_text())
     result["episodes"][0]["time"] -= 1.0
     file.write_text(json.dumps(result))

@@ -19,7 +19,7 @@ from agents.control import FOLLOWERS
 from agents.evaluation.compare import SUITES
 from agents.evaluation.provenance import command_line
 from planners import PLANNERS, Plan, Status, make_planner
-from tests.conftest import ROOT, refusal
+from tests.conftest import ROOT, json_file, json_of, output_of, refusal, run
 from tests.hardware.realtime import EPISODE, X, Y
 from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, write_map
@@ -53,14 +53,6 @@ def hall(tmp_path_factory):
     (folder / "figure.json").write_text(figure)
     (folder / "undilated.json").write_text(figure.replace("4", "0"))
     return folder
-
-
-def run(*arguments):
-    """The exit code, whether the parser or the command gave it."""
-    try:
-        return main([str(a) for a in arguments])
-    except SystemExit as left:
-        return left.code
 
 
 def plan(hall, name, start="1,2", goal="4,2", planner="rrt_connect"):
@@ -107,9 +99,8 @@ def test_a_planner_that_finds_nothing_says_why(hall, capsys):
 @pytest.mark.parametrize("name", ["hall.yaml", "yard.map", "house.json"])
 def test_maps_of_every_kind_are_planned_in(hall, capsys, name, tmp_path):
     words, picture = plan(hall, name, "1,1", "4,1", "visibility"), tmp_path / "plan.png"
-    assert run(*words, "--json", "-", "--picture", picture) == 0
+    answer = json_of([*words, "--picture", picture], capsys)
     assert picture.read_bytes()[:4] == b"\x89PNG"
-    answer = json.loads(capsys.readouterr().out)
     assert (answer["status"], answer["path"][0], answer["path"][-1]) == ("solved", [1, 1], [4, 1])
     assert 3.0 - 1e-9 <= answer["touching"] <= answer["lower_bound"] <= answer["length"] < 4.0
 
@@ -155,17 +146,14 @@ def test_a_path_through_a_wall_is_not_called_solved(hall, capsys, monkeypatch, t
     assert said.out == ""
     assert said.err.startswith("wheelchair: plan: invalid: Straight says solved, but")
     assert "inside an obstacle" in said.err
-    arguments = ["plan", "--problems", hall / "problems.json", "--planner", "rrt", "--json", "-"]
-    assert run(*arguments) == 0
-    (answer,) = json.loads(capsys.readouterr().out)
+    (answer,) = json_of(["plan", "--problems", hall / "problems.json", "--planner", "rrt"], capsys)
     assert answer["status"] == "invalid"
     assert "inside an obstacle" in answer["note"]
 
 
 def test_problems_are_answered_one_by_one(hall, capsys):
     arguments = ["plan", "--problems", hall / "problems.json", "--planner", "rrt_star"]
-    assert run(*arguments, "--json", "-") == 0
-    (answer,) = json.loads(capsys.readouterr().out)
+    (answer,) = json_of(arguments, capsys)
     assert set(answer) == {"name", "status", "length", "optimum", "time_s", "nodes", "note", "path"}
     assert answer["length"] >= answer["optimum"] - 1e-3
 
@@ -174,10 +162,8 @@ def test_problems_are_answered_one_by_one(hall, capsys):
     "arguments", [["scenes"], ["scenes", "clutter", "--samples", "2"], ["settings", "limits"]]
 )
 def test_json_stands_alone_on_stdout(capsys, arguments):
-    assert run(*arguments, "--json", "-") == 0
-    json.loads(capsys.readouterr().out)
-    assert run(*arguments) == 0
-    assert capsys.readouterr().out.strip()
+    json_of(arguments, capsys)
+    assert output_of(arguments, capsys).strip()
 
 
 @pytest.mark.parametrize(
@@ -206,28 +192,24 @@ def test_training_makes_each_run_once(monkeypatch, tmp_path):
 
 
 def test_the_version_and_completion_scripts_are_printed(capsys):
-    assert run("--version") == 0
-    assert re.fullmatch(r"wheelchair \d+\.\d+\.\d+\S*\n", capsys.readouterr().out)
+    version = output_of(["--version"], capsys)
+    assert re.fullmatch(r"wheelchair \d+\.\d+\.\d+\S*\n", version)
     for shell in ("bash", "zsh"):
-        assert run("--completion", shell) == 0
-        assert "--planner" in capsys.readouterr().out
+        assert "--planner" in output_of(["--completion", shell], capsys)
 
 
 def test_an_episode_is_driven_and_drawn(capsys, tmp_path):
-    config = tmp_path / "short.json"
-    config.write_text('{"task": {"time_base": 1.0, "time_factor": 0.0}}')
+    config = json_file(tmp_path / "short.json", {"task": {"time_base": 1.0, "time_factor": 0.0}})
     picture = tmp_path / "end.png"
     arguments = ["simulate", "--policy", "straight", "--config", config, "--picture", picture]
-    assert run(*arguments, "--json", "-") == 0  # it was driven
-    assert json.loads(capsys.readouterr().out)["outcome"] == "timeout"
+    assert json_of(arguments, capsys)["outcome"] == "timeout"  # it was driven
     assert picture.exists()
-    assert run(*arguments) == 0
-    assert "did not arrive (timeout) after" in capsys.readouterr().out.splitlines()[-1]
+    last = output_of(arguments, capsys).splitlines()[-1]
+    assert "did not arrive (timeout) after" in last
 
 
 def test_a_comparison_leaves_everything_in_its_folder(capsys, tmp_path):
-    config = tmp_path / "short.json"
-    config.write_text('{"task": {"time_base": 1.0, "time_factor": 0.0}}')
+    config = json_file(tmp_path / "short.json", {"task": {"time_base": 1.0, "time_factor": 0.0}})
     out = tmp_path / "out"
     arguments = [
         "compare", "--policies", "random,straight", "--scenes", "floor_plan", "--episodes", "1",
@@ -235,9 +217,8 @@ def test_a_comparison_leaves_everything_in_its_folder(capsys, tmp_path):
     ]  # fmt: skip
     out.mkdir()
     (out / "episode.gif").write_bytes(b"a film of somebody")
-    assert run(*arguments) == 0
+    assert "straight" in output_of(arguments, capsys)
     assert (out / "episode.gif").exists()
-    assert "straight" in capsys.readouterr().out
     results = json.loads((out / "results.json").read_text())
     assert results["title"] == "Policies on floor_plan"
     assert set(results) == {
@@ -247,9 +228,8 @@ def test_a_comparison_leaves_everything_in_its_folder(capsys, tmp_path):
     assert (out / "table.md").exists()
     assert (out / "report.html").exists()
     first = (out / "episodes.jsonl").read_bytes()
-    assert run(*arguments, "--json", "-") == 0
+    assert json_of(arguments, capsys)["records"] == results["records"]
     assert not (out / "episode.gif").exists()  # taken for one of the comparison that was there
-    assert json.loads(capsys.readouterr().out)["records"] == results["records"]
     assert (out / "episodes.jsonl").read_bytes() == first
 
 
@@ -281,8 +261,7 @@ def test_results_name_the_command_as_a_person_types_it(monkeypatch):
 
 
 def test_settings_come_from_a_file_and_from_changes(tmp_path):
-    file = tmp_path / "mine.json"
-    file.write_text('{"rrt_star_woa_local": {"tree": {"step": 2.0}}}')
+    file = json_file(tmp_path / "mine.json", {"rrt_star_woa_local": {"tree": {"step": 2.0}}})
     given = spec(f"{file}:rrt_star_woa_local")
     planner = make_planner(changed(given, ["tree.iterations=30000", "whales.population=7"]))
     assert (planner.tree.step, planner.tree.iterations) == (2.0, 30000)
@@ -341,8 +320,7 @@ def test_training_starts_anew_in_its_environment_once(monkeypatch, capsys):
 
 
 def test_warm_up_names_everything_that_it_has_compiled(capsys):
-    assert main(["warm-up", "--jobs", "1"]) == 0
-    lines = capsys.readouterr().out.splitlines()
+    lines = output_of(["warm-up", "--jobs", "1"], capsys).splitlines()
     said = {line.split(": ", 1)[1] for line in lines}
     assert said >= {f"planner {name}" for name in PLANNERS.built_in}
     assert said >= {f"follower {name}" for name in FOLLOWERS.built_in}

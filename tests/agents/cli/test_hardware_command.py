@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import pytest
 
 from agents.cli import hardware, main
-from tests.conftest import refusal, until
+from tests.conftest import output_of, refusal, until
 from tests.hardware.realtime import serving
 from tests.identification.drives import room
 from tests.sim.worlds import box
@@ -37,8 +37,8 @@ def served(tmp_path):
 def test_tools_work_over_devices(served, tmp_path, capsys):
     """Run the tools; simulated time tests their findings, since a busy machine is late here."""
     file = tmp_path / "check.json"
-    assert main(["hardware", "setup", "--config", str(served.config)]) == 0
-    assert capsys.readouterr().out.count("saved") == 2
+    saved = output_of(["hardware", "setup", "--config", served.config], capsys)
+    assert saved.count("saved") == 2
     words = ["hardware", "check", "--config", str(served.config), "--no-person"]
     assert main([*words, "--json", str(file)]) in (0, 1)
     said = capsys.readouterr().out
@@ -46,8 +46,8 @@ def test_tools_work_over_devices(served, tmp_path, capsys):
     assert len(said.splitlines()) >= len(findings) > 15
     lines = [one for one in findings if one["what"] in ("line", "firmware", "parameters", "fan")]
     assert all(one["good"] for one in lines)
-    assert main(["hardware", "monitor", "--config", str(served.config), "--seconds", "1"]) == 0
-    assert "battery" in capsys.readouterr().out
+    monitor = ["hardware", "monitor", "--config", served.config, "--seconds", "1"]
+    assert "battery" in output_of(monitor, capsys)
 
 
 @pytest.mark.realtime

@@ -13,6 +13,7 @@ from agents.evaluation.compare import terminal_table
 from agents.evaluation.evaluate import episode_env
 from agents.evaluation.plots import unbeaten
 from tests.benchmarks.assisted_drives import driver_of, with_expert
+from tests.conftest import output_of
 from wheelchair_gym.base.settings import read_json
 from wheelchair_gym.geometry.kinematics import Limits
 from wheelchair_gym.people.drivers import make_driver
@@ -90,8 +91,7 @@ def test_people_and_assistants_are_compared(tmp_path, capsys):
         "clutter", "--episodes", "1", "--jobs", "1", "--no-video", "--quiet", "--out",
         str(tmp_path),
     ]  # fmt: skip
-    assert main(command) == 0
-    shown = capsys.readouterr().out
+    shown = output_of(command, capsys)
     assert "off the stick [deg]" in shown
     evaluation = read_json(tmp_path / "results.json")
     assert evaluation["policies"] == ["direct", "slide"]

@@ -7,11 +7,11 @@ import pytest
 from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
 
 from agents import StoppedError
-from agents.cli import main
 from agents.cli.arguments import spec
 from agents.evaluation.evaluate import evaluate
 from agents.evaluation.tuning import Drives, read_range, tune, value_at
 from agents.policies import make_policy
+from tests.conftest import output_of
 from wheelchair_gym.base.settings import InputError, with_values
 
 NAME = "a_star+pure_pursuit"
@@ -136,8 +136,7 @@ def test_policies_are_judged_by_driving(tmp_path):
 
 def test_the_command_says_what_it_found(tmp_path, capsys):
     words = f"tune {NAME} --vary follower.lookahead=0.5:2.0 --trials 2 --episodes 2 --scenes empty"
-    assert main([*words.split(), "--jobs", "1", "--quiet", "--out", str(tmp_path)]) == 0
-    said = capsys.readouterr().out
+    said = output_of([*words.split(), "--jobs", "1", "--quiet", "--out", tmp_path], capsys)
     assert "the best of 2 trials" in said
     assert "on 2 other episodes" in said
     assert NAME in json.loads((tmp_path / "best.json").read_text())

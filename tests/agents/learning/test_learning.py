@@ -27,7 +27,7 @@ from agents.learning.sb3 import SaveModel
 from agents.learning.settings import RECIPES, Imitation, Training
 from agents.learning.weights import Layout, Network, load_weights
 from tests.agents.learning.tiny_runs import ENV, ON, PRIVY, tiny, trained_run
-from tests.conftest import ROOT
+from tests.conftest import ROOT, json_file
 from wheelchair_gym.base.settings import InputError, dump
 from wheelchair_gym.envs import NavigationVectorEnv
 from wheelchair_gym.envs.settings import env_settings
@@ -330,8 +330,7 @@ def test_runs_beside_each_other_are_started_by_a_module_that_runs(tmp_path, monk
 
 
 def test_runs_that_differ_in_a_setting_are_told_side_by_side(tmp_path, capsys):
-    own = tmp_path / "own.json"
-    own.write_text(json.dumps(dump(tiny("ppo"))))
+    own = json_file(tmp_path / "own.json", dump(tiny("ppo")))
     varied = ["train", "ppo", "--config", str(own), "--vary", "env.bank.size=1,2", "--quiet"]
     assert main([*varied, "--seeds", "0,1", "--out", str(tmp_path / "out")]) == 0
     said = capsys.readouterr()

@@ -12,7 +12,7 @@ from agents.cli import main
 from agents.people.fit_driver import fit_driver
 from agents.people.recorded_stick import StickSession, open_loop, prompt_text, schedule, session_of
 from tests.agents.people.prompted import Prompted
-from tests.conftest import refusal
+from tests.conftest import json_of, output_of, refusal
 from wheelchair_gym import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.people.drivers import make_driver
@@ -135,9 +135,8 @@ def drives(tmp_path_factory):
 @pytest.mark.long
 def test_drives_tell_the_tremor_and_the_dead_zone_and_the_rest_is_named(drives, tmp_path, capsys):
     file = tmp_path / "fit.json"
-    log = str(drives / "drive.mcap")
-    assert main(["fit-driver", log, "--repeats", "8", "--json", str(file)]) == 0
-    said = capsys.readouterr().out
+    log = drives / "drive.mcap"
+    said = output_of(["fit-driver", log, "--repeats", "8", "--json", file], capsys)
     assert "hand.leftward            not fitted: a drive does not show" in said
     found = json.loads(file.read_text())
     hand = found["fitted"]["hand"]
@@ -149,16 +148,14 @@ def test_drives_tell_the_tremor_and_the_dead_zone_and_the_rest_is_named(drives, 
     assert main(words) == 0
 
 
-def test_a_recorded_prompted_session_is_fitted(drives, tmp_path):
-    file = tmp_path / "fit.json"
-    words = ["fit-driver", str(drives / "session.mcap"), "--repeats", "4", "--json", str(file)]
-    assert main(words) == 0
-    hand = json.loads(file.read_text())["fitted"]["hand"]
+def test_a_recorded_prompted_session_is_fitted(drives, capsys):
+    words = ["fit-driver", drives / "session.mcap", "--repeats", "4"]
+    hand = json_of(words, capsys)["fitted"]["hand"]
     assert hand["leftward"] == pytest.approx(0.5, abs=0.05)
     assert hand["rotation"] == pytest.approx(0.2, abs=0.03)
 
 
-def test_what_a_recording_cannot_tell_is_said(drives, tmp_path, capsys):
+def test_what_a_recording_cannot_tell_is_said(drives):
     broken = read_recording(drives / "session.mcap")[0]._replace(labels={"prompts": ["soon"]})
     slow = session(PEOPLE["trembling and weak"], rate=10.0)
     fit = fit_driver([slow._replace(prompts=np.empty((0, 3)))], Driver(), repeats=2)
@@ -178,12 +175,6 @@ def test_what_a_recording_cannot_tell_is_said(drives, tmp_path, capsys):
     smooth = dataclasses.replace(Driver(), interface=ProportionalStick(levels=1e6))
     fit = fit_driver([session(smooth)._replace(prompts=np.empty((0, 3)))], Driver(), repeats=2)
     assert "steps" in fit.unidentified["interface.dead_zone"]
-    file = tmp_path / "straight.mcap"
-    assert (
-        main(["simulate", "--scene", "empty", "--policy", "straight", "--record", str(file)]) == 0
-    )
-    capsys.readouterr()
-    assert "a person drives" in refusal(["fit-driver", file], capsys)
 
 
 def test_prompts_ask_for_every_direction_and_for_the_centre_between():
@@ -227,16 +218,13 @@ def test_the_same_assistant_answers_the_same_to_the_bit(recorded, episode, capsy
     assert figures["same_answers"]
     assert (figures["difference_share"], figures["difference_size"]) == (0.0, 0.0)
     assert figures["recorded"] == figures["other"]
-    assert main(["replay", str(recorded), "--assist", "vfh"]) == 0
-    said = capsys.readouterr().out
+    said = output_of(["replay", recorded, "--assist", "vfh"], capsys)
     assert "the same rewards" in said
     assert "the same, to the bit" in said
 
 
-def test_another_assistant_answers_beside_the_recorded_one(episode, recorded, tmp_path):
-    file = tmp_path / "replay.json"
-    assert main(["replay", str(recorded), "--assist", "slide", "--json", str(file)]) == 0
-    (record,) = json.loads(file.read_text())
+def test_another_assistant_answers_beside_the_recorded_one(episode, recorded, capsys):
+    (record,) = json_of(["replay", recorded, "--assist", "slide"], capsys)
     assert record["same"]
     assert not record["same_answers"]
     assert 0.0 < record["difference_share"] < 1.0
@@ -253,4 +241,5 @@ def test_what_is_missing_is_said_in_a_line(tmp_path, capsys):
     words = ["simulate", "--scene", "empty", "--policy", "straight", "--record", str(file)]
     assert main(words) == 0
     capsys.readouterr()
-    assert "a person drives" in refusal(["replay", file, "--assist", "vfh"], capsys)
+    for command in (["fit-driver", file], ["replay", file, "--assist", "vfh"]):
+        assert "a person drives" in refusal(command, capsys)

@@ -11,14 +11,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from agents.cli import main
 from agents.evaluation.statistics import effect_size
 from agents.evaluation.tables import csv_table
 from agents.people.folder import read_chain
 from agents.people.protocol import NASA_TLX, Condition, Group, Protocol, Questionnaire, Task
 from agents.people.report import COLUMNS, tables, tidy, write_report
 from agents.people.session import ABORTED, CUT_OFF, GIVEN_UP, Session, State, read_folder
-from tests.conftest import ROOT, refusal
+from tests.conftest import ROOT, output_of, refusal
 from wheelchair_gym.base.settings import InputError
 
 EXAMPLE = ROOT / "examples" / "participants.json"
@@ -129,8 +128,7 @@ def test_a_session_goes_on_where_it_ended_and_nothing_is_written_twice(tmp_path)
 def test_a_line_that_was_edited_is_named_and_refused(tmp_path, capsys, change):
     plan = protocol(1, 1, nasa_tlx=False)
     take_part(tmp_path, plan, 7, lambda _: figures(time=21.5))
-    assert main(["participants", "check", str(tmp_path)]) == 0
-    assert "every checksum is right" in capsys.readouterr().out
+    assert "every checksum is right" in output_of(["participants", "check", tmp_path], capsys)
     path = tmp_path / "participant_0007" / "steps.jsonl"
     lines = path.read_bytes().splitlines()
     path.write_bytes(b"\n".join(change(lines)) + b"\n")
@@ -291,8 +289,7 @@ def test_everything_of_a_participant_is_deleted_and_the_number_is_not_used_again
     assert "participant_0002 is a link; expected the data" in refusal([*words, "--yes"], capsys)
     session.folder.unlink()
     own.rename(session.folder)
-    assert main([*map(str, words), "--yes"]) == 0
-    assert "deleted 6 files" in capsys.readouterr().out
+    assert "deleted 6 files" in output_of([*words, "--yes"], capsys)
     assert {path.name for path in tmp_path.iterdir()} == {
         "protocol.json", "dictionary.csv", "participant_0001", "deleted_0002.json",
     }  # fmt: skip
@@ -301,8 +298,7 @@ def test_everything_of_a_participant_is_deleted_and_the_number_is_not_used_again
     with pytest.raises(InputError, match="participant 2 was deleted"):
         Session(tmp_path, plan, 2)
     assert "holds nothing of participant 2" in refusal([*words, "--yes"], capsys)
-    assert main(["participants", "list", str(tmp_path)]) == 0
-    assert capsys.readouterr().out.count("finished") == 1
+    assert output_of(["participants", "list", tmp_path], capsys).count("finished") == 1
 
 
 @pytest.mark.parametrize("last", [[], [51], [True], [105], ["50"], [None]])
@@ -421,8 +417,8 @@ def test_effects_of_periods_and_orders_are_tested_and_too_few_people_are_told(tm
     for person in range(1, 9):
         take_part(tmp_path, plan, person, drive)
         if person == 4:
-            assert main(["report", str(tmp_path)]) == 0
-            assert "n = 4, Wilcoxon's test of 1 pairs cannot give" in capsys.readouterr().out
+            said = output_of(["report", tmp_path], capsys)
+            assert "n = 4, Wilcoxon's test of 1 pairs cannot give" in said
     found = tables(plan, tidy(read_folder(tmp_path)[1]))[2]
     (row,) = (r for group in found.groups for r in group if r[0].text.startswith("time"))
     _, people, first, last, period, orders, order = (cell.key for cell in row)
@@ -453,5 +449,4 @@ def test_the_command_tells_what_is_missing_in_one_line(tmp_path, capsys):
     Session(tmp_path, protocol(), 1).close()  # a number that was only typed leaves no records
     assert "has no participants yet" in refusal(["report", tmp_path], capsys)
     take_part(tmp_path, protocol(), 1, lambda _: figures())
-    assert main(["report", str(tmp_path)]) == 0
-    assert str(tmp_path / "report.html") in capsys.readouterr().out
+    assert str(tmp_path / "report.html") in output_of(["report", tmp_path], capsys)

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from agents.cli import main
 from agents.control import local_map
 from agents.evaluation.evaluate import ENV, make_env
 from agents.evaluation.map_evaluation import map_by_driving, map_quality
@@ -17,7 +16,7 @@ from agents.policies.scripted import Manual
 from agents.policies.search import Search
 from planners import make_planner
 from tests.agents.fakes import PaperWorld
-from tests.conftest import long_but
+from tests.conftest import long_but, output_of
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.geometry.outline import Footprint
@@ -325,7 +324,6 @@ def test_a_person_drives_with_keys(monkeypatch):
 def test_a_map_is_drawn_by_driving(tmp_path, capsys):
     out, picture = tmp_path / "map", tmp_path / "map.png"
     words = ["map", "--scene", "floor_plan", "--seed", "6", "--time", "3", "--particles", "1"]
-    assert main([*words, "--out", str(out), "--picture", str(picture)]) == 0
-    assert "time after 3.0 s" in capsys.readouterr().out
+    assert "time after 3.0 s" in output_of([*words, "--out", out, "--picture", picture], capsys)
     assert (out / "map.yaml").exists()
     assert picture.exists()

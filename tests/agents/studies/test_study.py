@@ -9,11 +9,11 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
-from agents.cli import main
 from agents.studies import runner as module
 from agents.studies.claims import Evidence
 from agents.studies.model import Results, published
 from agents.studies.runner import CLAIMS, STORE, STUDIES, VERDICTS, run_studies
+from tests.conftest import output_of
 
 TABLES = [f"t1-3.{k}" for k in range(1, 14)]
 
@@ -158,9 +158,8 @@ def test_each_kind_of_run_repeats_itself(name):
 
 
 def test_a_page_says_its_verdicts_first_and_needs_no_other_file(tmp_path, capsys):
-    code = main(["study", "t2", "--runs", "2", "--jobs", "1", "--quiet", "--out", str(tmp_path)])
-    assert code == 0
-    said = capsys.readouterr().out
+    words = ["study", "t2", "--runs", "2", "--jobs", "1", "--quiet", "--out", tmp_path]
+    said = output_of(words, capsys)
     page = (tmp_path / "report.html").read_text()
     assert "claims" in said
     assert page.index("claims") < page.index("<table")

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.cli import main
 from agents.people import ASSISTANTS
 from agents.studio import PAGE, page_texts
 from agents.studio.catalogue import NO_HAND, NO_SIGHT, places
 from agents.studio.session import NOBODY, POLICIES
 from planners.registries import PLANNERS
 from tests.agents.studio.served import SCREENS, axe, browsing, cut_off, looked_at, serving, until
+from tests.conftest import output_of
 from tests.hardware.conftest import build_twin
 from wheelchair_gym.base.files import read_json
 from wheelchair_gym.people.drivers import DRIVERS
@@ -79,8 +79,8 @@ def test_keys_drive_to_the_goal_and_the_drive_is_judged_the_same(opened, capsys,
     assert page.evaluate("studio.world.order.place") == place
     assert page.inner_text("#outcome") == page.inner_text("#banner")
     page.select_option("#place", "map")
-    assert main(["replay", str(served.studio.folder / result["file"])]) == 0
-    assert "the same rewards" in capsys.readouterr().out
+    recording = served.studio.folder / result["file"]
+    assert "the same rewards" in output_of(["replay", recording], capsys)
 
 
 @pytest.mark.long

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 
 import numpy as np
@@ -14,7 +13,7 @@ from agents.people.recorded_stick import session_of
 from agents.studio.catalogue import places
 from agents.studio.drive import Drive, Order
 from tests.agents.studio.served import START, messages, send, serving
-from tests.conftest import long_but, refusal
+from tests.conftest import json_of, long_but, output_of, refusal
 from tests.hardware.conftest import build_twin
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv
@@ -47,8 +46,7 @@ def driven(folder, seconds, change=lambda drive, k: None, by="gamepad", curve=wi
 
 
 def replays_the_same(file, capsys):
-    assert main(["replay", str(file), "--assist", "slide"]) == 0
-    said = capsys.readouterr().out
+    said = output_of(["replay", file, "--assist", "slide"], capsys)
     assert all(part in said for part in ("the same rewards", "the same, to the bit"))
 
 
@@ -68,9 +66,7 @@ def test_an_assistant_answers_the_same(tmp_path, capsys):
 def test_a_hand_is_recovered_from_a_drive(tmp_path, capsys):
     file = driven(tmp_path, 45.0, curve=circling, hand="essential_tremor", place="scene:empty")
     assert session_of(read_recording(file)[0]).interface == "stick"
-    out = tmp_path / "fit.json"
-    assert main(["fit-driver", str(file), "--repeats", "2", "--json", str(out)]) == 0
-    found = json.loads(out.read_text())["fitted"]
+    found = json_of(["fit-driver", file, "--repeats", "2"], capsys)["fitted"]
     assert found["hand"]["tremor"] == pytest.approx(0.15, abs=0.02)
     assert found["hand"]["tremor_frequency"] == pytest.approx(6.0, abs=0.2)
     assert found["interface"]["dead_zone"] == pytest.approx(0.1, abs=0.002)

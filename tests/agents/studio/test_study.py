@@ -27,7 +27,7 @@ from agents.studio.study import PATIENCE, StudySession
 from tests.agents.people.test_participants import figures, full_disk, protocol
 from tests.agents.studio import served as pages
 from tests.agents.studio.test_server import get
-from tests.conftest import long_but, refusal
+from tests.conftest import long_but, output_of, refusal
 from tests.conftest import until as wait_until
 from tests.hardware.served import Program
 from wheelchair_gym.base.settings import dump
@@ -172,8 +172,7 @@ def test_a_participant_goes_from_consent_to_the_data_by_keys_alone(opened, capsy
     }
     recordings = sorted((served.studio.folder / "participant_0003").glob("*.mcap"))
     assert len(recordings) == 5
-    assert main(["replay", str(recordings[3])]) == 0
-    assert "the same rewards" in capsys.readouterr().out
+    assert "the same rewards" in output_of(["replay", recordings[3]], capsys)
 
 
 @pytest.mark.long
