@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from agents import read_data
-from agents.benchmarks.scene_statistics import scene_statistics
 from agents.cli.arguments import report, spec
 from agents.cli.options import ALGORITHMS
 from agents.evaluation.provenance import write_text
@@ -20,6 +19,7 @@ from agents.evaluation.tables import markdown_table
 from wheelchair_gym.base.registry import imported
 from wheelchair_gym.base.settings import InputError, dump, setting_docs, suggest
 from wheelchair_gym.scenes import SCENES, make_scene
+from wheelchair_gym.scenes.statistics import scene_statistics
 
 PARTS: dict[str, str] = read_data("settings.yaml")  # settings that are in no registry
 QUANTILES = {"least": 0.0, "p5": 0.05, "p50": 0.5, "p95": 0.95, "most": 1.0}

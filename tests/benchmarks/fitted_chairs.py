@@ -25,7 +25,7 @@ from wheelchair_gym.envs import EnvSettings
 from wheelchair_gym.identification.fit import Fit, fit
 from wheelchair_gym.identification.predict import plant_for
 from wheelchair_gym.sensors.settings import SensorSettings
-from wheelchair_gym.sim.randomization import Randomization
+from wheelchair_gym.sim.randomization import Randomization, exactly
 from wheelchair_gym.sim.settings import ChairSettings, PhysicsSettings
 
 CHAIRS: Final = 8
@@ -56,13 +56,9 @@ def environment(number: int, chair: ChairSettings, sensors: SensorSettings) -> d
         "command_delay": hidden["delay"],
     }
     plant = plant_for(true_settings(hidden), chair)
-    rows = tuple(
-        Randomization(name, low=value, high=value)  # type: ignore[arg-type]
-        for name, value in errors.items()
-    )
     config = EnvSettings(
         rate=5.0,
-        chair=dataclasses.replace(plant, randomization=plant.randomization + rows),
+        chair=dataclasses.replace(plant, randomization=plant.randomization + exactly(errors)),
         sensors=dataclasses.replace(sensors, pose_source="modelled"),
         physics=PhysicsSettings(slope=hidden["slope"], downhill=hidden["downhill"]),
     )

@@ -26,6 +26,7 @@ from wheelchair_gym.identification.excite import excite, free_floor_env
 from wheelchair_gym.identification.fit import Fit, fit
 from wheelchair_gym.identification.logs import Drive, DriveLog
 from wheelchair_gym.identification.predict import predict
+from wheelchair_gym.sim.randomization import exactly
 from wheelchair_gym.sim.settings import BatterySettings, ChairSettings
 from wheelchair_gym.sim.settings import PhysicsSettings as Physics
 
@@ -73,7 +74,7 @@ RELATIVE: Final = {"sigma": 0.1, "gain/(R m)": 0.03}
 def drive_boards(hidden: dict[str, float]) -> DriveLog:
     """Drive the emulated boards of a hidden chair by the program of `wheelchair hardware`."""
     battery = BatterySettings(initial_charge=hidden["charge"])
-    chair = ChairSettings(randomization=drives.exactly(hidden), battery=battery)
+    chair = ChairSettings(randomization=exactly(hidden), battery=battery)
     odometry = dataclasses.replace(drives.SENSORS.odometry, diameter_error=0.0, track_error=0.0)
     sensors = dataclasses.replace(drives.SENSORS, odometry=odometry)
     floor = Physics(slope=hidden["slope"], downhill=hidden["downhill"])

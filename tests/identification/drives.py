@@ -13,7 +13,7 @@ from wheelchair_gym.identification.excite import PROGRAM
 from wheelchair_gym.identification.logs import DriveLog, log_of_reports
 from wheelchair_gym.sensors.settings import LaserSettings, OdometrySettings, SensorSettings
 from wheelchair_gym.sim.chair import SimulatedChair
-from wheelchair_gym.sim.randomization import RANDOMIZED, Randomization
+from wheelchair_gym.sim.randomization import exactly
 from wheelchair_gym.sim.settings import WHEEL_INERTIA, BatterySettings, ChairSettings
 from wheelchair_gym.sim.settings import PhysicsSettings as Physics
 from wheelchair_gym.types import Episode
@@ -50,15 +50,6 @@ def room(start: tuple[float, float, float] = (-0.6, -0.6, 0.0)) -> Episode:
     discs = np.array([(2.9, 0.9, 0.15), (-1.0, 2.7, 0.2)])
     nowhere: Any = None
     return Episode(nowhere, np.array(start), np.zeros(3), walls=np.array(walls), discs=discs)
-
-
-def exactly(hidden: dict[str, float]) -> tuple[Randomization, ...]:
-    """Draws of a chair that can only give its hidden properties."""
-    return tuple(
-        Randomization(name, low=hidden[name], high=hidden[name])  # type: ignore[arg-type]
-        for name in RANDOMIZED
-        if name in hidden
-    )
 
 
 def drive(hidden: dict[str, float], episode: Episode | None = None, key: int = 5,

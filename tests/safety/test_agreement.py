@@ -26,7 +26,7 @@ from wheelchair_gym.safety import Shield, ShieldSettings
 from wheelchair_gym.scenes.arena import EmptyRoom
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 from wheelchair_gym.sim.chair import SimulatedChair
-from wheelchair_gym.sim.randomization import JointRandomization, Randomization
+from wheelchair_gym.sim.randomization import JointRandomization, exactly
 from wheelchair_gym.sim.settings import ChairSettings
 
 
@@ -191,9 +191,9 @@ def test_every_configured_error_of_the_laser_widens_the_margin(change):
 
 
 ROWS = {
-    "mount": [("laser.x_error", -0.05), ("laser.y_error", 0.05), ("laser.yaw_error", 0.05)],
-    "offset": [("laser.offset_error", 0.05)],
-    "noise": [("laser.sigma", 0.06)],
+    "mount": {"laser.x_error": -0.05, "laser.y_error": 0.05, "laser.yaw_error": 0.05},
+    "offset": {"laser.offset_error": 0.05},
+    "noise": {"laser.sigma": 0.06},
 }
 
 
@@ -204,8 +204,7 @@ def test_drawn_errors_of_the_laser_widen_the_margin(name):
         drawn = JointRandomization(("laser.x_error",), (0.01,), ((0.004**2,),))
         settings, least = ChairSettings(joint=drawn), 0.01 + 3.0 * 0.004
     else:
-        rows = [Randomization(row, low=value, high=value) for row, value in ROWS[name]]
-        settings, least = ChairSettings(randomization=tuple(rows)), 0.014
+        settings, least = ChairSettings(randomization=exactly(ROWS[name])), 0.014
     chair, shield = SimulatedChair(settings), Shield(chair=settings)
     wider = shield._constants.record["stop_margin"] - Shield()._constants.record["stop_margin"]
     assert wider >= least

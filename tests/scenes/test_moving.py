@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from agents.benchmarks.scene_statistics import scene_statistics
 from agents.evaluation.compare import suite
 from agents.evaluation.evaluate import without_labels
 from tests.conftest import long_but
@@ -23,6 +22,7 @@ from wheelchair_gym.scenes.arena import FOOTPRINT, WALL, Doorway, passing_radius
 from wheelchair_gym.scenes.crowd import leaves_that_let_pass
 from wheelchair_gym.scenes.pedestrians import WALKING_RADIUS, free_area
 from wheelchair_gym.scenes.raster import CELL
+from wheelchair_gym.scenes.statistics import scene_statistics
 from wheelchair_gym.types import Episode
 
 RADIUS = passing_radius(FOOTPRINT)

@@ -27,7 +27,7 @@ from wheelchair_gym.sensors.settings import (
     UltrasonicSettings,
 )
 from wheelchair_gym.sim.chair import SimulatedChair
-from wheelchair_gym.sim.randomization import JointRandomization, Randomization
+from wheelchair_gym.sim.randomization import JointRandomization, exactly
 from wheelchair_gym.sim.settings import ChairSettings, PhysicsSettings
 from wheelchair_gym.types import Episode
 
@@ -67,10 +67,6 @@ def plant_for(chair: ChairSettings, boards: ChairSettings) -> ChairSettings:
         "odometry.diameter_error": 2.0 * (ratio - 1.0) / (ratio + 1.0),
         "odometry.track_error": true.track / believed.track - 1.0,
     }
-    rows = tuple(
-        Randomization(name, low=error, high=error)  # type: ignore[arg-type]
-        for name, error in errors.items()
-    )
     motor = dataclasses.replace(
         boards.motor,
         torque_constant=chair.motor.torque_constant,
@@ -81,7 +77,7 @@ def plant_for(chair: ChairSettings, boards: ChairSettings) -> ChairSettings:
     )
     return dataclasses.replace(
         boards, body=chair.body, battery=chair.battery, motor=motor, randomize=False,
-        randomization=rows, joint=JointRandomization(), command_delay=0.0,
+        randomization=exactly(errors), joint=JointRandomization(), command_delay=0.0,
     )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ environment draws as the single environment does.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any, Final, Literal, get_args
 
 import numpy as np
@@ -112,6 +112,15 @@ class Randomization:
         if self.distribution == "uniform":
             return max(low, self.low), min(high, self.high)
         return max(low, self.mean - reach), min(high, self.mean + reach)
+
+
+def exactly(values: Mapping[str, float]) -> tuple[Randomization, ...]:
+    """Rows that can only draw these values of quantities; other names are left out."""
+    return tuple(
+        Randomization(name, low=values[name], high=values[name])
+        for name in RANDOMIZED
+        if name in values
+    )
 
 
 @settings

@@ -22,7 +22,7 @@ from wheelchair_gym.hardware import joystick
 from wheelchair_gym.hardware.boards.senses import BoardSensors
 from wheelchair_gym.hardware.chair import HardwareChair
 from wheelchair_gym.sim.chair import SimulatedChair
-from wheelchair_gym.sim.randomization import Randomization
+from wheelchair_gym.sim.randomization import exactly
 
 pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
 
@@ -88,15 +88,13 @@ def test_monitor_asks_before_it_resets_a_board(tmp_path, monkeypatch, capsys):
     assert main([*words, "--yes"]) == 0
 
 
-@pytest.mark.realtime
 class Driven(SimulatedChair):
     """A simulated chair in the place of a real one, whose wheels and laser are other ones."""
 
     def __init__(self, settings, episode):
-        rows = (("odometry.scale_error", 0.008), ("odometry.track_error", 0.02),
-                ("laser.x_error", 0.03), ("laser.offset_error", 0.02))  # fmt: skip
-        rows = tuple(Randomization(name, low=value, high=value) for name, value in rows)
-        chair = dataclasses.replace(settings.chair, randomization=rows)
+        errors = {"odometry.scale_error": 0.008, "odometry.track_error": 0.02,
+                  "laser.x_error": 0.03, "laser.offset_error": 0.02}  # fmt: skip
+        chair = dataclasses.replace(settings.chair, randomization=exactly(errors))
         sensors = dataclasses.replace(settings.sensors, pose_source="odometry")
         super().__init__(chair, sensors, settings.physics, 0.1)
         self.room = episode
