@@ -114,7 +114,7 @@ def findings_table(findings: Iterable[Finding], check: bool = False) -> Table:
 
 def judged(one: Finding) -> str:
     """Return ok, OFF where the config differs by more than its limit, or nothing without one."""
-    limit = AGREES.get(one.name)
+    limit = AGREES.get(one.name.split()[0])
     if limit is None or one.value is None or one.before is None:
         return ""
     return "ok" if abs(one.value - one.before) <= limit else "OFF"

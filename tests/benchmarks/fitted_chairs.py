@@ -68,20 +68,17 @@ def environment(number: int, chair: ChairSettings, sensors: SensorSettings) -> d
 def training_env(of: str, found: Fit | None) -> EnvSettings:
     """The training environment of an arm: that of the shipped weights, but for its chair."""
     base = recipe("ppo").env_settings()
-    if of == "default":
-        return base
-    chair = base.chair
     if of == "wide":
-        ranges = {
-            "command_delay" if name == "delay" else name: bounds for name, bounds in HIDDEN.items()
-        } | {"command_delay": (0.0, LONGEST_DELAY)}
-        rows = tuple(
+        ranges = HIDDEN | {"command_delay": (0.0, LONGEST_DELAY)}
+        rows: Any = [
             Randomization(name, low=low, high=high)  # type: ignore[arg-type]
             for name, (low, high) in ranges.items()
-        )
-        chair = dataclasses.replace(chair, randomization=rows, randomize=False)
+            if name != "delay"
+        ]
+        chair = dataclasses.replace(base.chair, randomization=tuple(rows), randomize=False)
         return dataclasses.replace(base, chair=chair)
-    assert found is not None
+    if found is None:
+        return base
     sensors = dataclasses.replace(found.sensors, pose_source=base.sensors.pose_source)
     chair = dataclasses.replace(found.chair, randomize=of == "posterior")
     if of == "posterior":

@@ -14,9 +14,9 @@ from wheelchair_gym.hardware.boards.protocol import Switch
 from wheelchair_gym.hardware.tools.diagnostics import (
     Diagnostics,
     Orientation,
-    fit_wall,
     status_rows,
 )
+from wheelchair_gym.identification.walls import fit_wall
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 
 pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")

@@ -53,11 +53,11 @@ def room(start: tuple[float, float, float] = (-0.6, -0.6, 0.0)) -> Episode:
 
 
 def drive(hidden: dict[str, float], episode: Episode | None = None, key: int = 5,
-          program: Any = PROGRAM) -> Driven:  # fmt: skip
+          program: Any = PROGRAM, sensors: SensorSettings = SENSORS) -> Driven:  # fmt: skip
     """Drive a chair with hidden properties, as `tests.benchmarks.identification` names them."""
     battery = BatterySettings(initial_charge=hidden.get("charge", 0.9))
     odometry = OdometrySettings(diameter_error=0.0, track_error=0.0, variance=0.0)
-    sensors = dataclasses.replace(SENSORS, odometry=odometry, pose_source="odometry")
+    sensors = dataclasses.replace(sensors, odometry=odometry, pose_source="odometry")
     physics = Physics(0.002, hidden.get("slope", 0.0), hidden.get("downhill", 0.0))
     chair = SimulatedChair(
         ChairSettings(randomization=exactly(hidden), battery=battery), sensors, physics, PERIOD
@@ -73,8 +73,8 @@ def drive(hidden: dict[str, float], episode: Episode | None = None, key: int = 5
             wheels.append(chair.wheels)
             poses.append(chair.truth.pose)
     assert not chair.truth.touched
-    late = np.array(stamps) + hidden.get("delay", 0.0)
-    log = log_of_reports(np.concatenate(wheels), late, np.stack(scans), CHAIR.drive)
+    late = np.array(stamps)[:, None] + np.full(len(sensors.lasers), hidden.get("delay", 0.0))
+    log = log_of_reports(np.concatenate(wheels), late, scans, sensors, CHAIR.drive)
     return Driven(log, np.array(poses))
 
 

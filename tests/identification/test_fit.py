@@ -12,7 +12,7 @@ import pytest
 from agents.cli import main
 from tests.benchmarks import identification
 from tests.benchmarks.identification import LIMITS
-from tests.conftest import refusal
+from tests.conftest import ROOT, refusal
 from tests.identification.drives import CHAIR, SENSORS, drive, room, truth
 from wheelchair_gym.base.errors import InputError
 from wheelchair_gym.base.settings import load
@@ -112,7 +112,7 @@ def test_a_level_floor_is_not_taken_for_a_slope():
 
 def test_what_is_not_seen_keeps_the_value_of_the_config(driven, monkeypatch):
     for name in ("y", "offset", "wheel_ratio"):
-        monkeypatch.setitem(MEASURED, name, 0.0)
+        monkeypatch.setitem(MEASURED, name, 1e-9)
     config = dataclasses.replace(SENSORS, laser=dataclasses.replace(SENSORS.laser, bias=0.004))
     told = fit([("drive", driven.log)], CHAIR, config)
     assert values(told)["y"] is values(told)["offset"] is None
@@ -140,19 +140,16 @@ def held():
 
 def test_a_fitted_simulation_predicts_another_drive(held, found):
     """Also where the clock of the log began long before."""
-    log = held.log
-    commands = log.commands + np.array([100.0, 0.0, 0.0])
-    later = log._replace(
-        stamps=log.stamps + 100.0, scan_stamps=log.scan_stamps + 100.0, commands=commands
-    )
-    of = (CHAIR, SENSORS), (found.chair, found.sensors)
-    before, fitted = predict(held, of)
+    log, after = held.log, (found.chair, found.sensors)
+    later = {name: getattr(log, name) + 100.0 for name in ("stamps", "scan_stamps")}
+    later["commands"] = log.commands + np.array([100.0, 0.0, 0.0])
+    before, fitted = predict(held, [(CHAIR, SENSORS), after])
     assert [one.seconds for one in fitted] == list(HORIZONS)
     assert fitted[-1].position[1] < 0.005
     assert before[-1].position[1] > 10.0 * fitted[-1].position[1]
     for key in ("heading", "scan", "volts"):
         assert getattr(before[-1], key)[1] > 1.5 * getattr(fitted[-1], key)[1], key
-    again = predict(held._replace(log=later), of[1:])[0][-1]
+    again = predict(held._replace(log=log._replace(**later)), [after])[0][-1]
     assert again.position == pytest.approx(fitted[-1].position, abs=5e-4)
     assert again.windows == pytest.approx(fitted[-1].windows, abs=1)
 
@@ -172,8 +169,24 @@ def test_a_wall_at_a_measured_distance_shows_the_offset(held):
     with pytest.raises(InputError, match=r"held: --wall 2: the wall ahead is 3\.1"):
         fit([("held", log)], CHAIR, SENSORS, wall=2.0)
     aside = log._replace(ranges=np.full_like(log.ranges, np.inf))
-    with pytest.raises(InputError, match="no wall is straight ahead"):
+    with pytest.raises(InputError, match="sees no wall ahead"):
         fit([("held", aside)], CHAIR, SENSORS, wall=2.0)
+
+
+def test_each_further_scanner_is_found():
+    """The errors of mount and offset that are drawn are alike for all scanners."""
+    content = json.loads((ROOT / "configs" / "chairs" / "rear.json").read_text())["sensors"]
+    rear = load(SensorSettings, content, "rear.json")
+    quiet = dataclasses.replace(rear.more_lasers[0], bias=0.0)
+    sensors = dataclasses.replace(SENSORS, more_lasers=(quiet,))
+    told = fit([("drive", drive(HIDDEN, sensors=sensors).log)], CHAIR, sensors)
+    second = told.sensors.more_lasers[0]
+    assert (second.x, second.y) == pytest.approx((quiet.x + 0.03, -0.04), abs=3e-3)
+    assert second.yaw == pytest.approx(quiet.yaw + 0.04, abs=LIMITS["yaw"])
+    assert second.offset == pytest.approx(0.025, abs=LIMITS["offset"])
+    status = {one.name: one.status for one in told.findings}
+    assert status["x of laser 1"] == status["delay of laser 1"] == "measured"
+    assert "scale of laser 1" not in status
 
 
 SHORT = {

@@ -176,41 +176,34 @@ def test_an_ultrasonic_that_tells_nothing_of_walls_is_found(ranger, told, fault)
     assert found == ["", f"ultrasonic {fault}"]
 
 
-@pytest.mark.parametrize("change", [{"bias": 0.02}, {"sigma": 0.06}, {"bias": 0.03, "sigma": 0.03}])
-def test_every_configured_error_of_the_laser_widens_the_margin(change):
+DRAWN = JointRandomization(("laser.x_error",), (0.01,), ((0.004**2,),))
+# Settings of the laser, of the chair, and the least that they add to the margin [m].
+ERRORS = {
+    "bias": ({"bias": 0.02}, {}, 0.035),
+    "sigma": ({"sigma": 0.06}, {}, 0.014),
+    "both": ({"bias": 0.03, "sigma": 0.03}, {}, 0.06),
+    "mount": ({}, {"laser.x_error": -0.05, "laser.y_error": 0.05, "laser.yaw_error": 0.05}, 0.1),
+    "offset": ({}, {"laser.offset_error": 0.05}, 0.045),
+    "noise": ({}, {"laser.sigma": 0.06}, 0.014),
+    "joint": ({}, DRAWN, 0.022),
+}
+
+
+@pytest.mark.parametrize("name", ERRORS)
+def test_every_error_of_the_laser_widens_the_margin(name):
     """A chair whose laser shows all ranges too long by two standard deviations stops in time."""
-    sensors = SensorSettings(laser=LaserSettings(**change))
-    chair, shield = SimulatedChair(sensors=sensors), Shield(sensors=sensors)
-    assert shield._constants.record["stop_margin"] > Shield()._constants.record["stop_margin"]
+    laser, drawn, least = ERRORS[name]
+    sensors = SensorSettings(laser=LaserSettings(**laser))
+    settings = ChairSettings(randomization=exactly({} if drawn is DRAWN else drawn))
+    if drawn is DRAWN:
+        settings = ChairSettings(joint=drawn)
+    chair, shield = SimulatedChair(settings, sensors), Shield(chair=settings, sensors=sensors)
+    margin, plain = (one._constants.record["stop_margin"] for one in (shield, Shield()))
+    assert margin - plain >= least
     reading = chair.reset(box(3.0, (0.0, 0.0, 0.3)), 0)
     for _ in range(80):
         far = reading.laser + np.float32(2.0 * sensors.laser.bias)
         given = shield.filter(np.array([0.8, 0.0]), reading._replace(laser=far))
-        reading = chair.drive(given, shield.decision.protective)
-        assert chair.truth.approach_speed * chair.truth.at_fault <= HARM
-
-
-ROWS = {
-    "mount": {"laser.x_error": -0.05, "laser.y_error": 0.05, "laser.yaw_error": 0.05},
-    "offset": {"laser.offset_error": 0.05},
-    "noise": {"laser.sigma": 0.06},
-}
-
-
-@pytest.mark.parametrize("name", [*ROWS, "joint"])
-def test_drawn_errors_of_the_laser_widen_the_margin(name):
-    """They stand in rows of the chair, or in the joint row of a fit, in which deviations count."""
-    if name == "joint":
-        drawn = JointRandomization(("laser.x_error",), (0.01,), ((0.004**2,),))
-        settings, least = ChairSettings(joint=drawn), 0.01 + 3.0 * 0.004
-    else:
-        settings, least = ChairSettings(randomization=exactly(ROWS[name])), 0.014
-    chair, shield = SimulatedChair(settings), Shield(chair=settings)
-    wider = shield._constants.record["stop_margin"] - Shield()._constants.record["stop_margin"]
-    assert wider >= least
-    reading = chair.reset(box(3.0, (0.0, 0.0, 0.3)), 0)
-    for _ in range(80):
-        given = shield.filter(np.array([0.8, 0.0]), reading)
         reading = chair.drive(given, shield.decision.protective)
         assert chair.truth.approach_speed * chair.truth.at_fault <= HARM
 

@@ -129,12 +129,9 @@ class RealChair(NotCopyable, Chair):
         command_timeout: how long a command stays valid beyond its period [s].
         chair: its outline, and the limits to which commands are clipped.
         laser: the sensor whose echoes are measured against the outline.
-
-    Attributes:
-        truth: the localizer's pose, the nearest echo, contacts at the bumpers; no energy.
     """
 
-    truth = _nothing_known(np.zeros(3))
+    _known = _nothing_known(np.zeros(3))
 
     def __init__(
         self, name: str, clock: Clock, period: float, command_timeout: float, chair: ChairSettings,
@@ -154,19 +151,24 @@ class RealChair(NotCopyable, Chair):
         return self._late
 
     @property
+    def truth(self) -> Truth:
+        """The localizer's pose, the nearest echo, contacts at the bumpers; no energy."""
+        return self._known
+
+    @property
     def belief(self) -> Belief:
         """The pose by odometry."""
         return Belief(self._odometry)
 
     def set_localized_pose(self, pose: Array) -> None:
         """See `Chair.set_localized_pose`; a real chair takes the estimate for its true pose."""
-        self.truth = self.truth._replace(pose=pose)
+        self._known = self._known._replace(pose=pose)
 
     def _begin(self, odometry: Array) -> None:
         """Begin an episode now, at a pose (3,) of the odometry."""
         self._due = self._begun = self.clock.now()
         self._late, self._started = [], False
-        self._odometry, self.truth = odometry, _nothing_known(odometry)
+        self._odometry, self._known = odometry, _nothing_known(odometry)
 
     def _end(self) -> None:
         """End the episode: no command is valid any longer."""
@@ -248,10 +250,10 @@ class RealChair(NotCopyable, Chair):
             battery: [V].
             halted: why the chair stopped, see `Reading`.
         """
-        before, laser = self.truth, ranges[0]
+        before, laser = self._known, ranges[0]
         distance = before.distance + float(np.hypot(*relative_pose(self._odometry, odometry)[:2]))
         self._odometry, touched = odometry, before.touched or bumped
-        self.truth = Truth(pose, twist, self._clearance(laser), bumped, touched, distance, 0.0)
+        self._known = Truth(pose, twist, self._clearance(laser), bumped, touched, distance, 0.0)
         stamp = self.clock.now() - self._begun
         return Reading(pose, twist, *ranges, bumped, battery, stamp, halted)
 

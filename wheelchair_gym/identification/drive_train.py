@@ -18,7 +18,7 @@ equation of a window is linear in the unknowns, and only travel and voltage ente
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,14 +46,6 @@ class DriveTrain(NamedTuple):
     covariance: Array  # (5, 5)
 
 
-def _sampled(log: DriveLog, scale: float, path: Array) -> tuple[Array, Array, Array]:
-    """Distance (n,) [m], sum of voltages (n,) and heading (n,), evenly spaced."""
-    times = np.arange(log.stamps[0], log.stamps[-1], _PERIOD)
-    way = np.interp(times, log.stamps, scale * log.travel.mean(axis=1))
-    volts = np.interp(times, log.stamps, log.volts.sum(axis=1))
-    return way, volts, np.interp(times, log.stamps, path[:, 2])
-
-
 def fit_drive_train(
     log: DriveLog, scale: float, path: Array, max_volts: float, rng: np.random.Generator
 ) -> DriveTrain:
@@ -72,7 +64,10 @@ def fit_drive_train(
     """
     if not np.isfinite(log.volts).any():
         raise ValueError("duty and voltage of the motors were not recorded")
-    way, volts, yaw = _sampled(log, scale, path)
+    times = np.arange(log.stamps[0], log.stamps[-1], _PERIOD)
+    way = np.interp(times, log.stamps, scale * log.travel.mean(axis=1))
+    volts = np.interp(times, log.stamps, log.volts.sum(axis=1))
+    yaw = np.interp(times, log.stamps, path[:, 2])
     n = round(_WINDOW / _PERIOD)
     share = np.arange(n + 1) / n
     bump = np.sin(np.pi * share) ** 4
@@ -104,19 +99,14 @@ def fit_drive_train(
     matrix, target = np.array(rows), np.array(right)
     blocks = np.arange(len(rows)) // _BLOCK
     values = _solve(matrix, target, np.ones(len(rows)))
-    counts = [_drawn(blocks, rng) for _ in range(_DRAWS)]
-    draws = np.array([_solve(matrix, target, count) for count in counts])
+    count = int(blocks[-1]) + 1
+    drawn = [rng.integers(0, count, count) for _ in range(_DRAWS)]
+    often = [np.bincount(each, minlength=count)[blocks] for each in drawn]
+    draws = np.array([_solve(matrix, target, each) for each in often])
     return DriveTrain(values, np.cov(draws.T))
 
 
-def _drawn(blocks: NDArray[np.int64], rng: np.random.Generator) -> Array:
-    """How often each window counts when blocks are drawn again."""
-    n = int(blocks[-1]) + 1
-    counts: Array = np.bincount(rng.integers(0, n, n), minlength=n)[blocks].astype(np.float64)
-    return counts
-
-
-def _solve(matrix: Array, target: Array, counts: Array) -> Array:
+def _solve(matrix: Array, target: Array, counts: NDArray[Any]) -> Array:
     """Least squares of windows that count several times."""
     weights = np.sqrt(counts)
     found = np.linalg.lstsq(weights[:, None] * matrix, weights * target, rcond=None)[0]

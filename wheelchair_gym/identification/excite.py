@@ -95,7 +95,7 @@ def excite(env: gym.Env[Any, Any]) -> DriveLog:
     env.reset(options={"episode": Episode(floor, np.zeros(3), far, time_limit=2.0 * DURATION)})
     reading: Reading = inner.task.reading
     check_room(reading, laser)
-    wheels, stamps, scans = [chair.wheels], [chair.scan_stamps[0]], [reading.laser]
+    wheels, stamps, scans = [chair.wheels], [chair.scan_stamps], [reading.laser]
     due = 0.0
     for v, w, seconds in PROGRAM:
         due += seconds
@@ -108,8 +108,9 @@ def excite(env: gym.Env[Any, Any]) -> DriveLog:
                 after = f"after {reading.stamp:.0f} s"
                 raise ValueError(f"{after} the drive was stopped: {why or 'a bumper was pressed'}")
             wheels.append(chair.wheels)
-            stamps.append(chair.scan_stamps[0])
+            stamps.append(chair.scan_stamps)
             scans.append(reading.laser)
-    ranges = np.stack(scans)[:, : laser.beams] + np.float32(laser.offset)
-    drive = inner.settings.chair.drive
-    return log_of_reports(np.concatenate(wheels), np.array(stamps), ranges, drive)
+    settings = inner.settings
+    return log_of_reports(
+        np.concatenate(wheels), stamps, scans, settings.sensors, settings.chair.drive
+    )

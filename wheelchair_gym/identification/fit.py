@@ -20,25 +20,20 @@ from wheelchair_gym.base.settings import dump
 from wheelchair_gym.geometry.kinematics import DriveGeometry
 from wheelchair_gym.geometry.planar import compose, relative_pose
 from wheelchair_gym.identification import drive_train, kinematics
-from wheelchair_gym.identification.kinematics import (
-    OFFSET,
-    UNKNOWNS,
-    Kinematics,
-    poses_at,
-    wheel_path,
-)
+from wheelchair_gym.identification.kinematics import Kinematics
 from wheelchair_gym.identification.logs import DriveLog
-from wheelchair_gym.identification.walls import offset_by_tape
+from wheelchair_gym.identification.walls import wall_ahead
 from wheelchair_gym.perception.slam import Slam, SlamSettings
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 from wheelchair_gym.sim.randomization import JointRandomization
-from wheelchair_gym.sim.settings import WHEEL_INERTIA, ChairSettings
+from wheelchair_gym.sim.settings import WHEEL_INERTIA, ChairSettings, MotorSettings
 
 # Motion that a log has to show: its name, unit, and smallest amount.
 NEEDED: Final = {
     "turn to the left": ("rad", 3.0), "turn to the right": ("rad", 3.0), "drive": ("m", 3.0),
 }  # fmt: skip
 _MIN_SCANS = 100
+_LARGEST_OFFSET = 0.1  # m, of a scanner
 _STANDS = 2e-3  # m that wheels move at most while a chair stands
 _PARTICLES = 2  # of SLAM: poses need only be rough
 _SURE = 1.96  # deviations of a 95 % interval
@@ -107,8 +102,8 @@ def missing(log: DriveLog, drive: DriveGeometry) -> str:
 def rough_poses(log: DriveLog, drive: DriveGeometry, laser: LaserSettings) -> Array:
     """Poses (m, 3) of the scanner at all scans, by SLAM with the config's geometry."""
     slam = Slam(dataclasses.replace(laser, offset=0.0), SlamSettings(particles=_PARTICLES))
-    path = wheel_path(log, np.array([1.0, drive.wheel_ratio, drive.track]))
-    poses = poses_at(log, path, log.scan_stamps)
+    path = kinematics.wheel_path(log, np.array([1.0, drive.wheel_ratio, drive.track]))
+    poses = kinematics.poses_at(log, path, log.scan_stamps)
     increments = relative_pose(np.concatenate([poses[:1], poses[:-1]]), poses)
     for increment, scan in zip(increments, log.ranges, strict=True):
         slam.update(increment, scan)
@@ -117,7 +112,7 @@ def rough_poses(log: DriveLog, drive: DriveGeometry, laser: LaserSettings) -> Ar
 
 def find_kinematics(
     name: str, log: DriveLog, drive: DriveGeometry, laser: LaserSettings,
-    rng: np.random.Generator, offset: float | None = None,
+    rng: np.random.Generator, offset: float | None = None, known: Array | None = None,
 ) -> Kinematics:  # fmt: skip
     """Wheels and scanner of a log, which has this name; see `kinematics.identify`.
 
@@ -127,19 +122,26 @@ def find_kinematics(
     if lacks := missing(log, drive):
         raise InputError(f"{name} lacks {lacks}")
     try:
-        return kinematics.identify(log, drive, laser, rough_poses(log, drive, laser), rng, offset)
+        return kinematics.identify(
+            log, drive, laser, rough_poses(log, drive, laser), rng, offset, known
+        )
     except (ValueError, np.linalg.LinAlgError) as error:
         raise InputError(f"{name}: {error}") from None
 
 
 def _tape_offset(name: str, log: DriveLog, laser: LaserSettings, distance: float) -> float:
-    """The offset [m] of a scanner by the distance of the wall ahead, while the chair stands."""
+    """The offset [m] of a scanner that stands at first, at a distance by tape from a wall ahead."""
     moved = np.abs(log.travel - log.travel[0]).max(axis=1) > _STANDS
     until = log.stamps[moved][0] if moved.any() else np.inf
+    still = np.ma.masked_invalid(log.ranges[log.scan_stamps < until].astype(np.float64))
+    centred = dataclasses.replace(laser, x=0.0, y=0.0)
     try:
-        return offset_by_tape(laser, log.ranges[log.scan_stamps < until], distance)
+        seen = wall_ahead(centred, still.mean(axis=0).filled(np.inf)).distance
+        if abs(seen - distance) > _LARGEST_OFFSET:
+            raise ValueError(f"the wall ahead is {seen:.3f} m away by laser")
     except ValueError as error:
         raise InputError(f"{name}: --wall {distance:g}: {error}") from None
+    return seen - distance
 
 
 def _combined(parts: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
@@ -180,17 +182,10 @@ def fit(
     laser, rng = sensors.laser, np.random.default_rng(seed)
     tape = None if wall is None else _tape_offset(*logs[0], laser, wall)
     found = [find_kinematics(name, log, chair.drive, laser, rng, tape) for name, log in logs]
-    values, covariance = _combined([(one.values, one.covariance) for one in found])
-    conditional = np.min([one.conditional for one in found], axis=0)
-    spread = np.sqrt(np.diag(covariance))
-    findings = _kinematic_findings(values, spread, conditional, chair.drive, laser)
-    # What was not seen keeps the config's value; that has no delay of the scans.
-    named: dict[str, Any] = {
-        one.name: one.before if one.value is None else one.value for one in findings
-    }
-    sigma = float(np.median([one.sigma for one in found]))
-    lost, beams = np.sum([_no_echo(log) for _, log in logs], axis=0).tolist()
-    dropout = lost / max(1, beams)
+    kinematic = _combined_kinematics(found)
+    values, covariance = kinematic.values, kinematic.covariance
+    findings = _kinematic_findings(kinematic, chair.drive, laser)
+    named = _values(findings)
     drive = dataclasses.replace(
         chair.drive,
         counts_per_metre=chair.drive.counts_per_metre / named["scale"],
@@ -198,16 +193,18 @@ def fit(
         wheel_ratio=named["wheel_ratio"],
         track=named["track"],
     )
-    seen = {one.name for one in findings if one.value is not None}
-    bias = float(spread[OFFSET]) if "offset" in seen else laser.bias
+    lost, beams = np.sum([_no_echo(log) for _, log in logs], axis=0).tolist()
+    dropout, sigma = lost / max(1, beams), kinematic.sigma
     scanner = dataclasses.replace(
-        laser, x=named["x"], y=named["y"], yaw=named["yaw"], offset=named["offset"], sigma=sigma,
-        dropout=dropout, bias=bias,
-    )  # fmt: skip
-    findings.append(_simple("sigma", "m", sigma, _SIGMA_DEVIATION * sigma, laser.sigma))
+        _mounted(laser, findings, kinematic), sigma=sigma, dropout=dropout
+    )
     chance = math.sqrt(dropout * (1.0 - dropout) / max(1, beams))
-    findings.append(_simple("dropout", "", dropout, chance, laser.dropout))
-    motors, more, notes = _fit_motors(logs, values, chair, drive, mass, rng)
+    findings += [
+        _finding("sigma", "m", sigma, _SIGMA_DEVIATION * sigma, laser.sigma, math.inf),
+        _finding("dropout", "", dropout, chance, laser.dropout, math.inf),
+    ]
+    more_lasers, more = _fit_further(logs, values, chair.drive, sensors, rng)
+    resisting, motor, of_motors, notes = _fit_motors(logs, values, chair, drive, mass, rng)
     odometry = dataclasses.replace(sensors.odometry, diameter_error=0.0, track_error=0.0)
     k = len(_JOINT)
     # Relative errors of the ratio and of the track, of which the joint row draws.
@@ -218,10 +215,54 @@ def fit(
     )  # fmt: skip
     body = chair.body if mass is None else dataclasses.replace(chair.body, mass=mass)
     return Fit(
-        dataclasses.replace(chair, drive=drive, body=motors[0](body), motor=motors[1]),
-        dataclasses.replace(sensors, laser=scanner, odometry=odometry),
-        joint, tuple(findings + more), notes, _weakest(covariance),
+        dataclasses.replace(chair, drive=drive, body=resisting(body), motor=motor),
+        dataclasses.replace(sensors, laser=scanner, more_lasers=more_lasers, odometry=odometry),
+        joint, tuple(findings + more + of_motors), notes, _weakest(covariance),
     )  # fmt: skip
+
+
+def _combined_kinematics(found: Sequence[Kinematics]) -> Kinematics:
+    values, covariance = _combined([(one.values, one.covariance) for one in found])
+    conditional = np.min([one.conditional for one in found], axis=0)
+    return Kinematics(
+        values, conditional, covariance, float(np.median([one.sigma for one in found]))
+    )
+
+
+def _values(findings: Sequence[Finding]) -> dict[str, Any]:
+    """Values by the names of UNKNOWNS; what was not seen keeps that of the config."""
+    return {one.name.split()[0]: one.before if one.value is None else one.value for one in findings}
+
+
+def _mounted(laser: LaserSettings, findings: Sequence[Finding], found: Kinematics) -> LaserSettings:
+    """A scanner with the mount and offset that were found, whose uncertainty is its bias."""
+    of = _values(findings)
+    seen = next(one.value is not None for one in findings if one.name.startswith("offset"))
+    bias = math.sqrt(found.covariance[kinematics.OFFSET, kinematics.OFFSET]) if seen else laser.bias
+    return dataclasses.replace(
+        laser, x=of["x"], y=of["y"], yaw=of["yaw"], offset=of["offset"], bias=bias
+    )
+
+
+def _fit_further(
+    logs: Sequence[tuple[str, DriveLog]], values: Array, drive: DriveGeometry,
+    sensors: SensorSettings, rng: np.random.Generator,
+) -> tuple[tuple[LaserSettings, ...], list[Finding]]:  # fmt: skip
+    """Further scanners and findings about them, with the wheels that the first one showed."""
+    lasers, findings = list(sensors.more_lasers), []
+    for k, laser in enumerate(lasers):
+        found = []
+        for name, log in logs:
+            if k < len(log.more):
+                own = log._replace(scan_stamps=log.more[k].stamps, ranges=log.more[k].ranges)
+                who = f"{name}, laser {k + 1}"
+                found.append(find_kinematics(who, own, drive, laser, rng, known=values))
+        if found:
+            kinematic = _combined_kinematics(found)
+            of = _kinematic_findings(kinematic, drive, laser, f" of laser {k + 1}")
+            lasers[k] = _mounted(laser, of, kinematic)
+            findings += of[kinematics.MOUNT.start :]
+    return tuple(lasers), findings
 
 
 def _weakest(covariance: Array) -> str:
@@ -258,43 +299,52 @@ def settings_of(found: Fit) -> dict[str, Any]:
         "sensors.json": dump(found.sensors),
         "ranges.json": dump(found.joint),
         "fit.json": {
-            "findings": [one._asdict() for one in found.findings], "notes": list(found.notes)
+            "findings": [one._asdict() for one in found.findings], "notes": list(found.notes),
+            "weakest": found.weakest,
         },
     }  # fmt: skip
 
 
-def _simple(name: str, unit: str, value: float, deviation: float, before: float) -> Finding:
-    reach = _SURE * deviation
-    return Finding(name, unit, value, max(0.0, value - reach), value + reach, before, "measured")
+def _finding(
+    name: str, unit: str, value: float, deviation: float, before: float | None, most: float
+) -> Finding:
+    """Return a finding with its interval, measured where its deviation is at most that."""
+    low, high = float(value - _SURE * deviation), float(value + _SURE * deviation)
+    status = "measured" if deviation <= most else "combination only"
+    return Finding(name, unit, float(value), low, high, before, status)
+
+
+def _unseen(name: str, unit: str, before: float | None) -> Finding:
+    return Finding(name, unit, None, None, None, before, "not seen")
 
 
 def _kinematic_findings(
-    values: Array, spread: Array, conditional: Array, drive: DriveGeometry, laser: LaserSettings
+    found: Kinematics, drive: DriveGeometry, laser: LaserSettings, suffix: str = ""
 ) -> list[Finding]:
-    units = dict(zip(UNKNOWNS, ("", "", "m", "m", "m", "rad", "m", "s"), strict=True))
+    units = dict(zip(kinematics.UNKNOWNS, ("", "", "m", "m", "m", "rad", "m", "s"), strict=True))
     before = (1.0, drive.wheel_ratio, drive.track, laser.x, laser.y, laser.yaw, laser.offset, None)
-    findings = []
-    for k, name in enumerate(UNKNOWNS):
-        value, reach = float(values[k]), _SURE * float(spread[k])
-        status = "measured" if spread[k] <= MEASURED[name] else "combination only"
-        one = Finding(name, units[name], value, value - reach, value + reach, before[k], status)
-        if min(spread[k], conditional[k]) > MEASURED[name]:
-            one = one._replace(value=None, low=None, high=None, status="not seen")
-        findings.append(one)
+    spread, findings = np.sqrt(np.diag(found.covariance)), []
+    for k, (name, unit) in enumerate(units.items()):
+        most, called = MEASURED[name], name + suffix
+        if min(spread[k], found.conditional[k]) > most:
+            findings.append(_unseen(called, unit, before[k]))
+        else:
+            value, deviation = found.values[k], spread[k]
+            findings.append(_finding(called, unit, value, deviation, before[k], most))
     return findings
 
 
 def _fit_motors(
     logs: Sequence[tuple[str, DriveLog]], values: Array, chair: ChairSettings,
     drive: DriveGeometry, mass: float | None, rng: np.random.Generator,
-) -> tuple[Any, list[Finding], tuple[str, ...]]:  # fmt: skip
-    """Body and motors, findings about them, and notes."""
+) -> tuple[Any, MotorSettings, list[Finding], tuple[str, ...]]:  # fmt: skip
+    """Return a function of a body that gives it its drag, the motors, findings, and notes."""
     motor, radius, notes, parts = chair.motor, drive.wheel_radius, [], []
     limit = motor.resistance * motor.current_limit
     weight = chair.body.mass if mass is None else mass
     for name, log in logs:
         try:
-            path = wheel_path(log, values)
+            path = kinematics.wheel_path(log, values)
             train = drive_train.fit_drive_train(log, values[0], path, 2.0 * limit, rng)
         except ValueError as error:
             notes.append(f"{name}: motors not seen: {error}")
@@ -307,13 +357,11 @@ def _fit_motors(
                 f"{name}: a constant pull as of a slope of {math.degrees(slope):.1f} deg, falling "
                 f"{math.degrees(direction):.0f} deg from the first heading: is the floor level?"
             )
-    unseen = [
-        Finding("gain", "", None, None, None, motor.gain, "not seen"),
-        Finding("torque_constant", "V s/rad", None, None, None, motor.torque_constant, "not seen"),
-    ]
-    friction = Finding("friction", "", None, None, None, chair.body.friction, "not seen")
+    friction = _unseen("friction", "", chair.body.friction)
     if not parts:
-        return (lambda body: body, motor), [*unseen, friction], tuple(notes)
+        constant = _unseen("torque_constant", "V s/rad", motor.torque_constant)
+        unseen = [_unseen("gain", "", motor.gain), constant, friction]
+        return lambda body: body, motor, unseen, tuple(notes)
     (push, damping, drag), covariance = _combined(parts)
     deviations = np.sqrt(np.diag(covariance))
     total = weight + 2.0 * WHEEL_INERTIA / radius**2
@@ -322,25 +370,18 @@ def _fit_motors(
     ratio = deviations / np.array([push, damping, max(drag, 1e-3)])
     of_constant = constant * math.hypot(ratio[0], ratio[1])
 
-    def interval(name: str, unit: str, value: float, deviation: float, before: float | None,
-                 certain: bool = True) -> Finding:  # fmt: skip
-        reach = _SURE * float(deviation)
-        good = deviation <= _RELATIVE * abs(value)
-        status = "measured" if good and certain else "combination only"
-        return Finding(
-            name, unit, float(value), float(value - reach), float(value + reach), before, status
-        )
-
     share = chair.body.centre_of_mass / chair.body.wheelbase
     body = chair.body
     known = (body.rolling_resistance * (1.0 - share) + body.caster_drag * share) * 9.81
     factor = float(np.clip(drag * total / weight / known, 0.0, 10.0)) if known else 1.0
+    seen, of_seen = push * radius / constant, 2.0 * ratio[0] + ratio[1]
+    weighed = -1.0 if mass is None else _RELATIVE * gain
     more = [
-        interval("gain/(R m)", "1/(ohm kg)", push * radius / constant,
-                 push * radius / constant * (2.0 * ratio[0] + ratio[1]), None),
-        interval("torque_constant", "V s/rad", constant, of_constant, motor.torque_constant),
-        interval("gain", "", gain, gain * ratio[0], motor.gain, mass is not None),
-        interval("drag", "m/s2", drag, deviations[2], known * weight / total),
+        _finding("gain/(R m)", "1/(ohm kg)", seen, seen * of_seen, None, seen * _RELATIVE),
+        _finding("torque_constant", "V s/rad", constant, of_constant, motor.torque_constant,
+                 _RELATIVE * constant),
+        _finding("gain", "", gain, gain * ratio[0], motor.gain, weighed),
+        _finding("drag", "m/s2", drag, deviations[2], known * weight / total, _RELATIVE * drag),
         friction,
     ]  # fmt: skip
     fitted = dataclasses.replace(
@@ -354,4 +395,4 @@ def _fit_motors(
             caster_drag=min(0.5, factor * base.caster_drag),
         )  # fmt: skip
 
-    return (resisting, fitted), more, tuple(notes)
+    return resisting, fitted, more, tuple(notes)

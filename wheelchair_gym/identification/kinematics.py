@@ -50,6 +50,7 @@ WHEELS, MOUNT, OFFSET, DELAY = slice(0, 3), slice(3, 6), 6, 7
 # times: of errors on simulated and on emulated chairs (tests.benchmarks.identification).
 _BEYOND: Final = np.array([3e-4, 1e-4, 1.5e-4, 3e-4, 3e-4, 3e-4, 1.5e-3, 5e-4])
 _TAPE = 1e-3  # m: deviation of a distance by tape
+_KNOWN = 1e-6  # deviation of what is known
 _STEPS: Final = np.array([1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 5e-3])  # of differences
 _BLOCK = 6.0  # s
 _GATES = (0.25, 0.20, 0.15, 0.12)  # m: of hits, by iteration
@@ -171,7 +172,7 @@ def _reduced(
 
 def identify(
     log: DriveLog, drive: DriveGeometry, laser: LaserSettings, sensor_poses: Array,
-    rng: np.random.Generator, offset: float | None = None,
+    rng: np.random.Generator, offset: float | None = None, known: Array | None = None,
 ) -> Kinematics:  # fmt: skip
     """Find wheels, track, mount, offset and delay.
 
@@ -181,12 +182,14 @@ def identify(
         laser: the scanner likewise.
         sensor_poses: (m, 3) rough poses of the scanner at all scans, by SLAM.
         rng: of the bootstrap.
-        offset: of the ranges [m], as a tape says (`walls.offset_by_tape`).
+        offset: of the ranges [m], as a tape says.
+        known: values of UNKNOWNS, whose scale, ratio and track are taken as they are.
 
     Raises:
         ValueError: the scans show fewer than two walls.
     """
-    scans = _spaced(log.scan_stamps)
+    since = (log.scan_stamps - log.scan_stamps[0] + 1e-6) / SPACING
+    scans = np.unique(np.floor(since), return_index=True)[1]  # the first of each interval
     problem = _Problem(log, laser, scans)
     values = np.array(
         [1.0, drive.wheel_ratio, drive.track, laser.x, laser.y, laser.yaw, laser.offset, 0.0]
@@ -194,6 +197,8 @@ def identify(
     deviations, beyond = np.array(list(UNKNOWNS.values())), _BEYOND.copy()
     if offset is not None:
         values[OFFSET], deviations[OFFSET], beyond[OFFSET] = offset, _TAPE, _TAPE
+    if known is not None:
+        values[WHEELS], deviations[WHEELS] = known[WHEELS], _KNOWN
     prior, weight = values.copy(), 1.0 / deviations**2
     rough = sensor_poses[scans]
     walls = find_walls(laser, problem.ranges, rough)
@@ -239,13 +244,3 @@ def _solve(matrix: Array, vector: Array, away: Array, weight: Array) -> Array:
     right = vector.copy()
     right[:n] += weight * away
     return -np.asarray(np.linalg.solve(full, right), np.float64)
-
-
-def _spaced(stamps: Array) -> NDArray[np.int64]:
-    """Numbers of scans that are at least SPACING apart."""
-    kept, last = [], -np.inf
-    for k, stamp in enumerate(stamps):
-        if stamp - last >= SPACING - 1e-6:
-            kept.append(k)
-            last = stamp
-    return np.array(kept)

@@ -21,6 +21,13 @@ from wheelchair_gym.sim.settings import ChairSettings
 _LEAP = 0.5  # m between two reports of a wheel: its counter began anew
 
 
+class Scans(NamedTuple):
+    """Scans of one scanner."""
+
+    stamps: Array  # (m,) s
+    ranges: NDArray[np.float32]  # (m, beams) m, raw: the config's offset is not subtracted
+
+
 class DriveLog(NamedTuple):
     """Wheels and scans of a drive, in the time of one clock."""
 
@@ -29,14 +36,24 @@ class DriveLog(NamedTuple):
     speeds: Array  # (n, 2) m/s of the wheels, as the board measures them; NaN where unknown
     volts: Array  # (n, 2) V at the motors: duty times battery; NaN where unknown
     commands: Array  # (k, 3) s, m/s, rad/s: from when on the board had each command; () if unknown
-    scan_stamps: Array  # (m,) s
-    ranges: NDArray[np.float32]  # (m, beams) m, raw: the config's offset is not subtracted
+    scan_stamps: Array  # (m,) s, of the first scanner
+    ranges: NDArray[np.float32]  # (m, beams) m, raw, likewise
+    more: tuple[Scans, ...] = ()  # of further scanners, where they were recorded
 
 
 def log_of_reports(
-    wheels: NDArray[np.void], scan_stamps: Array, ranges: NDArray[np.float32], drive: DriveGeometry
-) -> DriveLog:
-    """The log of reports (n,) of WHEELS, and of raw scans (m, beams) at times (m,) [s]."""
+    wheels: NDArray[np.void], scan_stamps: Any, readings: Any, sensors: SensorSettings,
+    drive: DriveGeometry,
+) -> DriveLog:  # fmt: skip
+    """The log of a drive.
+
+    Args:
+        wheels: reports (n,) of WHEELS.
+        scan_stamps: (m, scanners) [s].
+        readings: (m, beams of all scanners) [m], without the offsets of the config.
+        sensors: the scanners.
+        drive: the wheels, as the config has them.
+    """
     at = np.unique(wheels["stamp"], return_index=True)[1]
     rows: Any = wheels[at]
     acting = rows["duties"] * rows["voltage"][:, None]
@@ -47,10 +64,15 @@ def log_of_reports(
     twists = rows["command"]
     new = np.append(True, np.any(twists[1:] != twists[:-1], axis=1))
     commands = np.column_stack([rows["stamp"] - rows["age"], twists])[new]
-    scans = np.unique(scan_stamps, return_index=True)[1]
+    scans = [Scans(np.empty(0), np.empty((0, 0), np.float32))] if not sensors.lasers else []
+    for k, (laser, beams) in enumerate(zip(sensors.lasers, sensors.slices, strict=True)):
+        stamps, once = np.unique(np.asarray(scan_stamps)[:, k], return_index=True)
+        scans.append(Scans(stamps, np.asarray(readings)[once, beams] + np.float32(laser.offset)))
+    first, *more = scans
     return DriveLog(
-        rows["stamp"], travel, rows["speeds"], volts, commands, scan_stamps[scans], ranges[scans]
-    )
+        rows["stamp"], travel, rows["speeds"], volts, commands, first.stamps, first.ranges,
+        tuple(more),
+    )  # fmt: skip
 
 
 class Drive(NamedTuple):
@@ -65,8 +87,8 @@ class Drive(NamedTuple):
 def _of_recording(file: str | Path, recorded: RecordedEpisode) -> Drive:
     """The log of an episode of a recording."""
     settings = recorded.settings
-    laser, drive = settings.sensors.laser, settings.chair.drive
-    if not laser.beams:
+    drive = settings.chair.drive
+    if not settings.sensors.laser.beams:
         raise InputError(f"{file}: expected the scans of a laser; the chair has none")
     if not recorded.wheels or not sum(len(each["reports"]) for each in recorded.wheels):
         raise InputError(f"{file}: expected reports about the wheels (/wheels); record it anew")
@@ -76,10 +98,9 @@ def _of_recording(file: str | Path, recorded: RecordedEpisode) -> Drive:
         raise InputError(f"{file}: the wheels' counts leap by {leaps:.1f} m; cut the log there")
     if (n := len(recorded.wheels)) != (k := len(recorded.states)):
         raise InputError(f"{file}: expected a message of /wheels with each reading; {n} with {k}")
-    stamps = np.array([each["scans"][0] for each in recorded.wheels])
-    ranges = np.stack([state.reading.laser[: laser.beams] for state in recorded.states])
-    ranges = ranges + np.float32(laser.offset)
-    log = log_of_reports(wheels, stamps, ranges, drive)
+    stamps = [each["scans"] for each in recorded.wheels]
+    readings = [state.reading.laser for state in recorded.states]
+    log = log_of_reports(wheels, stamps, readings, settings.sensors, drive)
     return Drive(f"{file}, episode {recorded.number}", log, settings.chair, settings.sensors)
 
 

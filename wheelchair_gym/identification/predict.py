@@ -89,8 +89,7 @@ def simulate(log: DriveLog, chair: ChairSettings, boards: ChairSettings) -> tupl
     """
     simulated = SimulatedChair(plant_for(chair, boards), _BLIND, PhysicsSettings(), _PERIOD)
     nowhere: Any = None
-    none = np.zeros((0, 4)), np.zeros((0, 3))
-    simulated.reset(Episode(nowhere, np.zeros(3), np.zeros(3), walls=none[0], discs=none[1]), 0)
+    simulated.reset(Episode(nowhere, np.zeros(3), np.zeros(3)), 0)
     times = np.arange(log.stamps[0], log.stamps[-1], _PERIOD)
     at = np.searchsorted(log.commands[:, 0], times + 0.5 * _PERIOD) - 1
     wheels, poses = [simulated.wheels], [simulated.truth.pose]
@@ -98,9 +97,7 @@ def simulate(log: DriveLog, chair: ChairSettings, boards: ChairSettings) -> tupl
         simulated.drive(twist)
         wheels.append(simulated.wheels)
         poses.append(simulated.truth.pose)
-    told = log_of_reports(
-        np.concatenate(wheels), np.zeros(1), np.zeros((1, 0), np.float32), boards.drive
-    )
+    told = log_of_reports(np.concatenate(wheels), (), (), _BLIND, boards.drive)
     return told._replace(stamps=told.stamps + log.stamps[0]), np.array(poses)
 
 

@@ -6,13 +6,15 @@ an interval along the line.
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from wheelchair_gym.base.arrays import Array, Floats
 from wheelchair_gym.geometry.planar import wrap
+from wheelchair_gym.perception.occupancy import read_scan
 from wheelchair_gym.sensors.settings import LaserSettings
 
 _GROUP = 8  # beams whose ranges are averaged before a scan is split into lines
@@ -24,9 +26,56 @@ _SAME, _JOINT = 0.08, 0.3  # m across, and along: of two walls that are one
 _MIN_LINES = 4  # of a wall
 _MARGIN = 0.10  # m at the ends of a wall, where beams hit corners
 _EVERY = 10  # each so many beams is used
-_HEAD_ON = 0.3  # rad: greatest angle of incidence of beams on a wall that is ahead
-_LARGEST_OFFSET = 0.1  # m
+_FAN = math.radians(12.0)  # to each side of ahead, in which the wall is looked for
+_FLAT = 0.02  # m: root mean square distance of echoes from a wall; the laser's noise is 15 mm
+_SHARE = 0.7  # least share of echoes on the wall
+_TURNED = math.radians(25.0)  # greatest angle between heading and wall normal
 MIN_COSINE = 0.3  # of the angle of incidence: flatter beams are not used
+
+
+class Wall(NamedTuple):
+    """A wall ahead, in the chair's frame."""
+
+    distance: float  # m, of the axle's centre from it
+    bearing: float  # rad, of its foot
+
+
+def wall_ahead(laser: LaserSettings, ranges: ArrayLike) -> Wall:
+    """The wall that a scan (beams,) [m] shows straight ahead.
+
+    Raises:
+        ValueError: its echoes do not lie on one.
+    """
+    echoes = read_scan(laser, ranges).echoes
+    aside = np.arctan2(echoes[:, 1] - laser.y, echoes[:, 0] - laser.x)
+    return fit_wall(echoes[np.abs(aside) <= _FAN])
+
+
+def fit_wall(echoes: Array) -> Wall:
+    """The wall that echoes (n, 2) [m] ahead lie on.
+
+    Raises:
+        ValueError: they do not lie on one.
+    """
+    if len(echoes) < 20:
+        raise ValueError("the laser sees no wall ahead: face a flat one")
+    x, y = echoes.T
+    near = np.abs(x - np.median(x)) < 1.0
+    for _ in range(8):
+        slope, start = np.polyfit(y[near], x[near], 1)
+        off = np.abs(x - start - slope * y) / math.hypot(1.0, slope)
+        near = off < max(3.0 * _FLAT, 2.0 * float(np.median(off)))
+        near = near & (off < 3.0 * _FLAT) if (off < 3.0 * _FLAT).sum() >= 20 else near
+    rms = float(np.sqrt(np.mean(off[near] ** 2)))
+    if near.mean() < _SHARE or rms > _FLAT:
+        raise ValueError("the laser finds no flat wall ahead: face one")
+    bearing = -math.atan(slope)
+    if abs(bearing) > _TURNED:
+        raise ValueError(
+            f"the wall ahead is turned by {math.degrees(bearing):.0f} deg; expected to face it "
+            f"within {math.degrees(_TURNED):.0f} deg"
+        )
+    return Wall(float(start) * math.cos(bearing), bearing)
 
 
 class Walls(NamedTuple):
@@ -75,34 +124,6 @@ def split_scan(laser: LaserSettings, ranges: Floats) -> list[Array]:
     return found
 
 
-def offset_by_tape(laser: LaserSettings, ranges: Floats, distance: float) -> float:
-    """Offset [m] of the ranges of a scanner that stands before a wall at a distance by tape [m].
-
-    Args:
-        laser: its mount: the wall is straight ahead of the chair.
-        ranges: (scans, beams) [m], raw.
-        distance: from the scanner's axis, at right angles to the wall.
-
-    Raises:
-        ValueError: no wall is there, or another distance is seen.
-    """
-    mean = np.ma.masked_invalid(ranges.astype(np.float64)).mean(axis=0).filled(np.inf)
-    lines = split_scan(laser, mean)
-    ends = [np.arctan2(line[[0, -1], 1], line[[0, -1], 0]) for line in lines]
-    beside = [max(0.0, first + laser.yaw, -laser.yaw - last) for first, last in ends]
-    if not lines or min(beside) > _HEAD_ON:
-        raise ValueError("no wall is straight ahead at the start")
-    k = int(np.argmin(beside))
-    along = lines[k][-1] - lines[k][0]
-    incidence = laser.angles - np.arctan2(-along[0], along[1])
-    near = (np.abs(incidence) < _HEAD_ON) & np.isfinite(mean)
-    near &= (laser.angles > ends[k][0]) & (laser.angles < ends[k][1])
-    offset = float(np.mean(mean[near] - distance / np.cos(incidence[near]))) if near.any() else 1.0
-    if abs(offset) > _LARGEST_OFFSET:
-        raise ValueError(f"the wall ahead is {offset + distance:.3f} m away by laser")
-    return offset
-
-
 def _split(points: Array, found: list[Array]) -> None:
     """Add the straight parts of a run of points to those found (iterative end-point fit)."""
     if len(points) < _MIN_POINTS:
@@ -135,7 +156,7 @@ def _joined(
 
 def find_walls(laser: LaserSettings, ranges: Floats, poses: Array) -> Walls:
     """Walls that scans (n, beams) at poses (n, 3) of the scanner show."""
-    lines: list[tuple[float, float, float, Array]] = []  # length, angle, d, ends (2, 2)
+    lines: list[tuple[float, ...]] = []  # angle, d, from, to
     for scan, (x, y, yaw) in zip(ranges, poses, strict=True):
         turn = np.array([(np.cos(yaw), -np.sin(yaw)), (np.sin(yaw), np.cos(yaw))])
         for part in split_scan(laser, scan):
@@ -144,38 +165,30 @@ def find_walls(laser: LaserSettings, ranges: Floats, poses: Array) -> Walls:
             along = np.linalg.svd(points - middle)[2][0]
             normal = np.array([-along[1], along[0]])
             normal *= np.sign(normal @ ((x, y) - middle)) or 1.0
-            ends = points[[0, -1]]
-            length = float(np.hypot(*(ends[1] - ends[0])))
-            angle = float(np.arctan2(normal[1], normal[0]))
-            lines.append((length, angle, float(normal @ middle), ends))
-    walls: list[list[float]] = []  # angle, d, from, to, lines
-    for _, angle, d, ends in sorted(lines, key=lambda line: -line[0]):
-        for wall in walls:
-            if span := _joined(wall[:2], wall[2:4], angle, ends, _MAX_DISTANCE, _MAX_GAP):
-                wall[2:] = *span, wall[4] + 1.0
-                break
-        else:
-            low, high = sorted((ends @ (-np.sin(angle), np.cos(angle))).tolist())
-            walls.append([angle, d, low, high, 1.0])
-    kept = np.array([wall for wall in walls if wall[4] >= _MIN_LINES]).reshape(-1, 5)
-    return Walls(kept[:, :2], kept[:, 2:4])
+            span = sorted((points[[0, -1]] @ (-normal[1], normal[0])).tolist())
+            lines.append((float(np.arctan2(normal[1], normal[0])), float(normal @ middle), *span))
+    found = np.array(lines).reshape(-1, 4)
+    return merge_walls(Walls(found[:, :2], found[:, 2:]), _MAX_DISTANCE, _MAX_GAP, _MIN_LINES)
 
 
-def merge_walls(walls: Walls) -> Walls:
-    """Walls without those that are part of a longer one, as rough poses show a wall twice."""
-    order = np.argsort(walls.spans[:, 0] - walls.spans[:, 1])
-    kept: list[int] = []
-    spans = walls.spans.copy()
-    for k in order:
+def merge_walls(walls: Walls, across: float = _SAME, gap: float = _JOINT, least: int = 1) -> Walls:
+    """Walls, the longest first, with all that continue one; those of fewer than `least` are out.
+
+    Rough poses show a wall twice.
+    """
+    spans, members = walls.spans.copy(), dict[int, int]()
+    for k in np.argsort(spans[:, 0] - spans[:, 1]).tolist():
         angle, d = walls.lines[k]
         along = np.array([-np.sin(angle), np.cos(angle)])
-        ends = d * np.array([np.cos(angle), np.sin(angle)]) + spans[k][:, None] * along
-        for other in kept:
-            if span := _joined(walls.lines[other], spans[other], angle, ends, _SAME, _JOINT):
+        ends = d * np.array([np.cos(angle), np.sin(angle)]) + walls.spans[k][:, None] * along
+        for other in members:
+            if span := _joined(walls.lines[other], spans[other], angle, ends, across, gap):
                 spans[other] = span
+                members[other] += 1
                 break
         else:
-            kept.append(int(k))
+            members[k] = 1
+    kept = [k for k, count in members.items() if count >= least]
     return Walls(walls.lines[kept], spans[kept])
 
 

@@ -24,6 +24,7 @@ from wheelchair_gym.hardware.boards.protocol import (
 )
 from wheelchair_gym.hardware.boards.senses import LASERS, POLL_PERIOD, BoardSensors
 from wheelchair_gym.hardware.control_loop import Clock
+from wheelchair_gym.identification.walls import wall_ahead
 from wheelchair_gym.perception.occupancy import read_scan
 
 
@@ -266,44 +267,6 @@ _HEARD = 0.5  # m: nearer echoes of ultrasonics are of the hand
 _BY_EYE = 0.15  # m: a hand is held so exactly
 _WALL_OFF, _WALL_TURNED = 0.05, math.radians(6.0)  # a wall is placed so exactly, with a rule
 _HELD, _STILL = 1.0, 0.05  # s, m: a hand is held for this time within this distance
-_FAN = math.radians(12.0)  # to each side of ahead, in which the wall is looked for
-_FLAT = 0.02  # m: root mean square distance of echoes from a wall; the laser's noise is 15 mm
-_SHARE = 0.7  # least share of echoes on the wall
-_TURNED = math.radians(25.0)  # greatest angle between heading and wall normal
-
-
-class Wall(NamedTuple):
-    """A wall ahead, in the chair's frame."""
-
-    distance: float  # m, of the axle's centre from it
-    bearing: float  # rad, of its foot
-
-
-def fit_wall(echoes: Array) -> Wall:
-    """The wall that echoes (n, 2) [m] ahead lie on.
-
-    Raises:
-        ValueError: they do not lie on one.
-    """
-    if len(echoes) < 20:
-        raise ValueError("the laser sees no wall ahead: face a flat one")
-    x, y = echoes.T
-    near = np.abs(x - np.median(x)) < 1.0
-    for _ in range(8):
-        slope, start = np.polyfit(y[near], x[near], 1)
-        off = np.abs(x - start - slope * y) / math.hypot(1.0, slope)
-        near = off < max(3.0 * _FLAT, 2.0 * float(np.median(off)))
-        near = near & (off < 3.0 * _FLAT) if (off < 3.0 * _FLAT).sum() >= 20 else near
-    rms = float(np.sqrt(np.mean(off[near] ** 2)))
-    if near.mean() < _SHARE or rms > _FLAT:
-        raise ValueError("the laser finds no flat wall ahead: face one")
-    bearing = -math.atan(slope)
-    if abs(bearing) > _TURNED:
-        raise ValueError(
-            f"the wall ahead is turned by {math.degrees(bearing):.0f} deg; expected to face it "
-            f"within {math.degrees(_TURNED):.0f} deg"
-        )
-    return Wall(float(start) * math.cos(bearing), bearing)
 
 
 @dataclass(frozen=True)
@@ -405,10 +368,8 @@ class Orientation:
     def _flat(self) -> Array | None:
         """Return distance [m] from the axle's centre and bearing [rad] of a near wall, if any."""
         laser, (ranges, _, _) = self.senses.sensors.laser, self.senses.ranges(self.clock.now())
-        echoes = read_scan(laser, ranges[: laser.beams]).echoes
-        aside = np.arctan2(echoes[:, 1] - laser.y, echoes[:, 0] - laser.x)
         try:
-            wall = fit_wall(echoes[np.abs(aside) <= _FAN])
+            wall = wall_ahead(laser, ranges[: laser.beams])
         except ValueError:
             return None
         return np.array(wall) if wall.distance < self.footprint.front + 2.0 * WALL else None

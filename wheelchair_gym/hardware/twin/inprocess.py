@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.hardware.boards.senses import BoardSensors
 from wheelchair_gym.hardware.chair import HardwareChair
@@ -22,7 +20,7 @@ from wheelchair_gym.hardware.twin.lockstep import Twin
 from wheelchair_gym.hardware.twin.plant import TIME_STEP, Plant, PlantSettings
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sim.settings import ChairSettings
-from wheelchair_gym.types import Belief, Chair, Episode, NotCopyable, Reading, Truth
+from wheelchair_gym.types import Episode, Reading, Truth
 
 if TYPE_CHECKING:
     from wheelchair_gym.envs.settings import EnvSettings
@@ -77,6 +75,28 @@ class TwinClock:
         return end
 
 
+class _Cables:
+    """Cables from a twin to a host, which believes these settings, in the twin's time."""
+
+    def __init__(
+        self, twin: Twin, settings: HardwareSettings, chair: ChairSettings, sensors: SensorSettings
+    ) -> None:
+        self.clock = TwinClock(twin)
+        self.drive = SerialCable(twin.drive, np.random.default_rng(0))
+        self.range = SerialCable(twin.range, np.random.default_rng(1))
+        boards = {"twin://drive": self.drive, "twin://range": self.range}
+        lasers = {f"twin://laser_{k}": laser for k, laser in enumerate(twin.lasers)}
+        self.settings = dataclasses.replace(
+            settings,
+            drive_port="twin://drive", range_port="twin://range", laser_port="twin://laser_0",
+            more_laser_ports=tuple(lasers)[1:],
+        )  # fmt: skip
+        self.senses = BoardSensors(
+            self.settings, sensors, chair.drive, self.clock.now,
+            lambda url: boards[url].open(), lasers.__getitem__,
+        )  # fmt: skip
+
+
 class TwinChair:
     """A twin, its cables, and the hardware chair that drives it.
 
@@ -99,23 +119,14 @@ class TwinChair:
         settings: HardwareSettings | None = None,
         believed: tuple[ChairSettings, SensorSettings] | None = None,
     ) -> None:
-        self.twin, self.clock, plant = twin, TwinClock(twin), twin.plant.chair
-        self.drive = SerialCable(twin.drive, np.random.default_rng(0))
-        self.range = SerialCable(twin.range, np.random.default_rng(1))
-        boards = {"twin://drive": self.drive, "twin://range": self.range}
-        lasers = {f"twin://laser_{k}": laser for k, laser in enumerate(twin.lasers)}
-        config = dataclasses.replace(
-            settings or HardwareSettings(),
-            drive_port="twin://drive", range_port="twin://range", laser_port="twin://laser_0",
-            more_laser_ports=tuple(lasers)[1:],
-        )  # fmt: skip
-
+        plant = twin.plant.chair
         chair, sensors = believed or (plant.settings, plant.sensors)
-        now = self.clock.now
-        senses = BoardSensors(
-            config, sensors, chair.drive, now, lambda url: boards[url].open(), lasers.__getitem__
+        cables = _Cables(twin, settings or HardwareSettings(), chair, sensors)
+        self.twin, self.clock = twin, cables.clock
+        self.drive, self.range = cables.drive, cables.range
+        self.chair = HardwareChair(
+            cables.settings, sensors, chair, period, cables.clock, cables.senses
         )
-        self.chair = HardwareChair(config, sensors, chair, period, self.clock, senses)
 
     def close(self) -> None:
         """Close the chair; the twin stays."""
@@ -125,7 +136,7 @@ class TwinChair:
 _STANDS_BY = 0.05  # s between two looks whether the chair must be re-armed
 
 
-class EpisodeTwin(NotCopyable, Chair):
+class EpisodeTwin(HardwareChair):
     """A hardware chair over emulated boards; a reset carries it to an episode's start.
 
     A person stands by who re-arms the chair when a reset waits for it. Energy is not measured.
@@ -139,74 +150,45 @@ class EpisodeTwin(NotCopyable, Chair):
             wrong.
     """
 
+    needs_rearm = False
+
     def __init__(self, settings: EnvSettings, plant: str | None = None) -> None:
         check_extras("hardware")
         for target in TARGETS:
             build_target(target)
-        real = PlantSettings(settings.chair, settings.sensors, settings.physics)
+        chair, sensors = settings.chair, settings.sensors
+        real = PlantSettings(chair, sensors, settings.physics)
         if plant is not None:
             real = PlantSettings.read(plant, real)
-        self._twin = Twin(Plant(*real), believed=settings.chair)
-        believed = settings.chair, settings.sensors
-        self._hosted = TwinChair(self._twin, 1.0 / settings.rate, settings.hardware, believed)
-        self._chair, self.real_time = self._hosted.chair, False
-        self._chair.on_wait = lambda line: None
-        self._hosted.clock.call_every(self._stand_by, _STANDS_BY, "person")
+        self._twin = Twin(Plant(*real), believed=chair)
+        cables = _Cables(self._twin, settings.hardware, chair, sensors)
+        period = 1.0 / settings.rate
+        super().__init__(cables.settings, sensors, chair, period, cables.clock, cables.senses)
+        self.on_wait = lambda line: None
+        cables.clock.call_every(self._stand_by, _STANDS_BY, "person")
 
     def _stand_by(self) -> None:
-        if self._chair.waiting_for:
-            self._chair.rearm()
+        if self.waiting_for:
+            self.rearm()
 
-    def reset(self, episode: Episode, key: int) -> Reading:
+    def reset(self, episode: Episode | None = None, key: int = 0) -> Reading:
         """See `Chair.reset`.
 
         Raises:
             InputError: something moves in the episode, which the twin's boards know nothing of.
         """
+        assert episode is not None
         if len(episode.actors):
             raise InputError(f"{episode.name}: somebody moves there; expected a still place")
         self._twin.reset(episode, key)
-        return self._chair.reset(episode, key)
-
-    def drive(self, twist: Array, protective: bool = False) -> Reading:
-        """See `Chair.drive`."""
-        return self._chair.drive(twist, protective)
-
-    def set_localized_pose(self, pose: Array) -> None:
-        """See `Chair.set_localized_pose`."""
-        self._chair.set_localized_pose(pose)
+        return super().reset(episode, key)
 
     @property
     def truth(self) -> Truth:
         """True pose of the chair, and for the rest the best that its sensors know."""
-        return self._chair.truth._replace(pose=self._twin.plant.pose)
-
-    @property
-    def belief(self) -> Belief:
-        """See `HardwareChair.belief`."""
-        return self._chair.belief
-
-    @property
-    def wheels(self) -> NDArray[np.void]:
-        """See `HardwareChair.wheels`."""
-        return self._chair.wheels
-
-    @property
-    def scan_stamps(self) -> Sequence[float]:
-        """See `HardwareChair.scan_stamps`."""
-        return self._chair.scan_stamps
-
-    @property
-    def board_parameters(self) -> dict[str, dict[str, float]] | None:
-        """See `HardwareChair.board_parameters`."""
-        return self._chair.board_parameters
-
-    @property
-    def report(self) -> dict[str, float | str]:
-        """See `HardwareChair.report`."""
-        return self._chair.report
+        return super().truth._replace(pose=self._twin.plant.pose)
 
     def close(self) -> None:
         """Stop the chair and free the boards; may be called again."""
-        self._chair.close()
+        super().close()
         self._twin.close()
