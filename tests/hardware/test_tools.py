@@ -16,7 +16,7 @@ from wheelchair_gym.hardware.tools.diagnostics import (
     Orientation,
     status_rows,
 )
-from wheelchair_gym.identification.walls import fit_wall
+from wheelchair_gym.perception.occupancy import fit_wall
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 
 pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")

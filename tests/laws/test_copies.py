@@ -182,7 +182,7 @@ DRIVERS = [name for name in POLICIES if name not in ("manual", "learned", "plann
 @pytest.mark.parametrize("name", [*DRIVERS, *(f"a_star+{name}" for name in FOLLOWERS), *shipped()])
 def test_a_copy_of_env_and_policy_drives_on_as_the_original(name):
     scene = "clutter" if name != "explore" else "empty"
-    own = {"pose_source": "slam"} if name == "explore" else {}
+    own = {"explore": {"pose_source": "slam"}, "ppo_rear": {"model": "rear"}}.get(name, {})
     env = NavigationEnv(scene, bank=BANK, **own)
     env.reset(seed=1)
     driven = env, GymPolicy(make_policy(name), env), [None]

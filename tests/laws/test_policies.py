@@ -21,11 +21,9 @@ NONSENSE = Truth(np.full(3, np.nan), np.full(2, np.nan), np.nan, True, True, np.
 
 
 def environment(name, scene="crowd"):
-    slam = name == "explore"
-    source = "slam" if slam else "modelled"
-    return NavigationEnv(
-        "empty" if slam else scene, pose_source=source, shield=True, bank=0, split="test"
-    )
+    slam, model = name == "explore", "rear" if name == "ppo_rear" else "thesis"
+    source, scene = ("slam", "empty") if slam else ("modelled", scene)
+    return NavigationEnv(scene, pose_source=source, shield=True, bank=0, split="test", model=model)
 
 
 def plain(value):

@@ -22,7 +22,7 @@ from wheelchair_gym.geometry.planar import compose, relative_pose
 from wheelchair_gym.identification import drive_train, kinematics
 from wheelchair_gym.identification.kinematics import Kinematics
 from wheelchair_gym.identification.logs import DriveLog
-from wheelchair_gym.identification.walls import wall_ahead
+from wheelchair_gym.perception.occupancy import wall_ahead
 from wheelchair_gym.perception.slam import Slam, SlamSettings
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 from wheelchair_gym.sim.randomization import JointRandomization

@@ -6,15 +6,13 @@ an interval along the line.
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from wheelchair_gym.base.arrays import Array, Floats
 from wheelchair_gym.geometry.planar import wrap
-from wheelchair_gym.perception.occupancy import read_scan
 from wheelchair_gym.sensors.settings import LaserSettings
 
 _GROUP = 8  # beams whose ranges are averaged before a scan is split into lines
@@ -26,56 +24,7 @@ _SAME, _JOINT = 0.08, 0.3  # m across, and along: of two walls that are one
 _MIN_LINES = 4  # of a wall
 _MARGIN = 0.10  # m at the ends of a wall, where beams hit corners
 _EVERY = 10  # each so many beams is used
-_FAN = math.radians(12.0)  # to each side of ahead, in which the wall is looked for
-_FLAT = 0.02  # m: root mean square distance of echoes from a wall; the laser's noise is 15 mm
-_SHARE = 0.7  # least share of echoes on the wall
-_TURNED = math.radians(25.0)  # greatest angle between heading and wall normal
 MIN_COSINE = 0.3  # of the angle of incidence: flatter beams are not used
-
-
-class Wall(NamedTuple):
-    """A wall ahead, in the chair's frame."""
-
-    distance: float  # m, of the axle's centre from it
-    bearing: float  # rad, of its foot
-
-
-def wall_ahead(laser: LaserSettings, ranges: ArrayLike) -> Wall:
-    """The wall that a scan (beams,) [m] shows straight ahead.
-
-    Raises:
-        ValueError: its echoes do not lie on one.
-    """
-    echoes = read_scan(laser, ranges).echoes
-    aside = np.arctan2(echoes[:, 1] - laser.y, echoes[:, 0] - laser.x)
-    return fit_wall(echoes[np.abs(aside) <= _FAN])
-
-
-def fit_wall(echoes: Array) -> Wall:
-    """The wall that echoes (n, 2) [m] ahead lie on.
-
-    Raises:
-        ValueError: they do not lie on one.
-    """
-    if len(echoes) < 20:
-        raise ValueError("the laser sees no wall ahead: face a flat one")
-    x, y = echoes.T
-    near = np.abs(x - np.median(x)) < 1.0
-    for _ in range(8):
-        slope, start = np.polyfit(y[near], x[near], 1)
-        off = np.abs(x - start - slope * y) / math.hypot(1.0, slope)
-        near = off < max(3.0 * _FLAT, 2.0 * float(np.median(off)))
-        near = near & (off < 3.0 * _FLAT) if (off < 3.0 * _FLAT).sum() >= 20 else near
-    rms = float(np.sqrt(np.mean(off[near] ** 2)))
-    if near.mean() < _SHARE or rms > _FLAT:
-        raise ValueError("the laser finds no flat wall ahead: face one")
-    bearing = -math.atan(slope)
-    if abs(bearing) > _TURNED:
-        raise ValueError(
-            f"the wall ahead is turned by {math.degrees(bearing):.0f} deg; expected to face it "
-            f"within {math.degrees(_TURNED):.0f} deg"
-        )
-    return Wall(float(start) * math.cos(bearing), bearing)
 
 
 class Walls(NamedTuple):

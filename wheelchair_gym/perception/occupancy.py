@@ -7,7 +7,7 @@ a wall that only noise hits are never freed, and with their centres as surfaces 
 away from the chair that looks at it, and take the chair's pose along.
 
 Kernels work in cells from the lower-left corner of cell (0, 0). At the end: frontiers, where the
-known part of a map ends.
+known part of a map ends, and the wall that a scan shows ahead.
 """
 
 from __future__ import annotations
@@ -479,3 +479,54 @@ def find_frontiers(
         if np.isfinite(paths[k]) and lengths[of[k]] >= min_length
     ]
     return sorted(found, key=lambda frontier: frontier.path_length)
+
+
+_FAN = math.radians(12.0)  # to each side of ahead, in which the wall is looked for
+_FLAT = 0.02  # m: root mean square distance of echoes from a wall; the laser's noise is 15 mm
+_SHARE = 0.7  # least share of echoes on the wall
+_TURNED = math.radians(25.0)  # greatest angle between heading and wall normal
+
+
+class Wall(NamedTuple):
+    """A wall ahead, in the chair's frame."""
+
+    distance: float  # m, of the axle's centre from it
+    bearing: float  # rad, of its foot
+
+
+def wall_ahead(laser: LaserSettings, ranges: ArrayLike) -> Wall:
+    """The wall that a scan (beams,) [m] shows straight ahead.
+
+    Raises:
+        ValueError: its echoes do not lie on one.
+    """
+    echoes = read_scan(laser, ranges).echoes
+    aside = np.arctan2(echoes[:, 1] - laser.y, echoes[:, 0] - laser.x)
+    return fit_wall(echoes[np.abs(aside) <= _FAN])
+
+
+def fit_wall(echoes: Array) -> Wall:
+    """The wall that echoes (n, 2) [m] ahead lie on.
+
+    Raises:
+        ValueError: they do not lie on one.
+    """
+    if len(echoes) < 20:
+        raise ValueError("the laser sees no wall ahead: face a flat one")
+    x, y = echoes.T
+    near = np.abs(x - np.median(x)) < 1.0
+    for _ in range(8):
+        slope, start = np.polyfit(y[near], x[near], 1)
+        off = np.abs(x - start - slope * y) / math.hypot(1.0, slope)
+        near = off < max(3.0 * _FLAT, 2.0 * float(np.median(off)))
+        near = near & (off < 3.0 * _FLAT) if (off < 3.0 * _FLAT).sum() >= 20 else near
+    rms = float(np.sqrt(np.mean(off[near] ** 2)))
+    if near.mean() < _SHARE or rms > _FLAT:
+        raise ValueError("the laser finds no flat wall ahead: face one")
+    bearing = -math.atan(slope)
+    if abs(bearing) > _TURNED:
+        raise ValueError(
+            f"the wall ahead is turned by {math.degrees(bearing):.0f} deg; expected to face it "
+            f"within {math.degrees(_TURNED):.0f} deg"
+        )
+    return Wall(float(start) * math.cos(bearing), bearing)

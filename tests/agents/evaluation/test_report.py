@@ -300,6 +300,6 @@ def test_the_first_sentence_says_who_wins_where(tmp_path):
 
 
 def test_suites_have_all_learned_policies_and_all_chains_of_rrt_star_woa():
-    assert set(shipped()) <= set(SUITES["league"].policies)
+    assert set(shipped()) <= {"ppo_rear", *SUITES["league"].policies}  # which drives another chair
     chains = [f"rrt_star_woa_{a}+{b}" for a in ("local", "global") for b in ("thesis", "controls")]
     assert all(one in SUITES[name].policies for one in chains for name in ("whales", "league"))

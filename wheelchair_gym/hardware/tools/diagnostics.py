@@ -24,8 +24,7 @@ from wheelchair_gym.hardware.boards.protocol import (
 )
 from wheelchair_gym.hardware.boards.senses import LASERS, POLL_PERIOD, BoardSensors
 from wheelchair_gym.hardware.control_loop import Clock
-from wheelchair_gym.identification.walls import wall_ahead
-from wheelchair_gym.perception.occupancy import read_scan
+from wheelchair_gym.perception.occupancy import read_scan, wall_ahead
 
 
 def flag_names(flags: Fault | Switch) -> str:
