@@ -60,7 +60,10 @@ def compare(given: argparse.Namespace) -> int:
     env |= {"shield": shield_of(given), "split": "train" if given.training_seeds else "test"}
     env["model"] = given.model
     if given.chair is not None:
-        env["chair"] = {"name": given.chair, "plant": given.plant}
+        plant = None if given.plant is None else read_json(given.plant)
+        env["chair"] = {"name": given.chair, "plant": plant}
+        if given.pose is None:
+            env["pose_source"] = "mcl"
     elif given.plant is not None:
         raise InputError("--plant needs --chair twin")
     policies: Sequence[Spec] = tuple(map(labelled, given.policies or ())) or suite.policies

@@ -351,7 +351,12 @@ def _episode(given: argparse.Namespace, footprint: Any) -> Episode:
 def replay(given: argparse.Namespace) -> int:
     """Judge and draw recorded episodes again, or compare another policy with them; report."""
     if given.simulate:
+        for name in ("video", "picture", "record", "live", "images"):
+            if getattr(given, name):
+                raise InputError(f"--{name}: expected without --simulate, which draws nothing")
         return replay_simulated(given)
+    if given.config is not None or given.bar is not None:
+        raise InputError("--config and --bar need --simulate")
     chapters = read_recording(given.file)
     chosen = range(len(chapters)) if given.episode is None else [given.episode]
     if given.episode is not None and given.episode >= len(chapters):

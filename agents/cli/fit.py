@@ -14,7 +14,7 @@ from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.identification.fit import AGREES, Finding, fit, settings_of
 from wheelchair_gym.identification.logs import Drive, read_drives
-from wheelchair_gym.identification.predict import predict
+from wheelchair_gym.identification.predict import check_commands, predict
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sim.settings import ChairSettings
 
@@ -26,9 +26,11 @@ def run(given: argparse.Namespace) -> int:
     drives = _read(given.logs, given.config)
     first = drives[0]
     for drive in drives[1:]:
-        if (drive.chair.drive, drive.sensors.laser) != (first.chair.drive, first.sensors.laser):
+        if (drive.chair.drive, drive.sensors.lasers) != (first.chair.drive, first.sensors.lasers):
             raise InputError(f"{drive.name}: recorded with other settings than {first.name}")
     held = _read([given.hold], given.config) if given.hold else []
+    for drive in held:
+        check_commands(drive)  # before minutes of fitting
     logs = [(drive.name, drive.log) for drive in drives]
     found = fit(logs, first.chair, first.sensors, given.mass, given.seed, given.wall)
     before, after = (first.chair, first.sensors), (found.chair, found.sensors)
@@ -64,9 +66,10 @@ def replay_simulated(given: argparse.Namespace) -> int:
         if given.config is not None:
             settings = env_settings(given.config)
             simulated = settings.chair, settings.sensors
-        rows += prediction_rows([drive], {drive.name: simulated})
+        rows += prediction_rows([drive], {given.config or "as recorded": simulated})
     report(given, rows, _predictions_table(rows).text())
-    return 0 if all(row["position_95"] <= given.bar for row in rows) else 1
+    bar = 0.05 if given.bar is None else given.bar  # m
+    return 0 if all(row["position_95"] <= bar for row in rows) else 1
 
 
 def _read(files: Iterable[str], config: str | None) -> list[Drive]:

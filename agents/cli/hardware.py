@@ -7,7 +7,7 @@ import dataclasses
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from typing import Any
 
 import numpy as np
@@ -129,10 +129,11 @@ def excite_chair(given: argparse.Namespace) -> int:
 
 def _excite(given: argparse.Namespace, settings: Any) -> DriveLog:
     """Drive the chair by a program, record it where that is wanted, and return the log."""
-    env: Any = free_floor_env(settings, _chair(settings))
-    if given.record is not None:
-        env = RecordEpisodes(env, given.record)
-    with closing(env):
+    with closing(_chair(settings)) as chair, ExitStack() as open_things:
+        env: Any = free_floor_env(settings, chair)
+        if given.record is not None:
+            env = RecordEpisodes(env, given.record)
+        open_things.enter_context(closing(env))
         _log(
             f"the chair drives squares, circles and turns for {DURATION:.0f} s, at up "
             "to 0.7 m/s: keep 4 m x 4 m free, and a hand at the emergency stop"
@@ -154,9 +155,11 @@ def calibrate(given: argparse.Namespace) -> int:
         with _boards(settings) as (senses, clock):
             _save(senses, clock, "drive", wanted, suffix="; nothing was written")
         content = read_json(given.config)
-        content.setdefault("chair", {}).update(drive=dump(tuned.drive), motor=dump(tuned.motor))
-        seen = {"laser": dump(found.sensors.laser), "odometry": dump(found.sensors.odometry)}
-        content.setdefault("sensors", {}).update(seen)
+        parts = {name: dump(getattr(tuned, name)) for name in ("drive", "motor", "body")}
+        content.setdefault("chair", {}).update(parts)
+        names = "laser", "more_lasers", "odometry"
+        seen = dump(found.sensors)
+        content.setdefault("sensors", {}).update({name: seen[name] for name in names})
         write_json(given.config, content)
         lines.append(f"written to {given.config} and to the drive board, saved")
     else:

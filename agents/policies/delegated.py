@@ -9,9 +9,7 @@ import multiprocessing
 import pickle
 import traceback
 import weakref
-from collections import defaultdict
 from contextlib import suppress
-from functools import lru_cache
 from multiprocessing.connection import Connection
 from typing import Any, Final
 
@@ -93,8 +91,9 @@ class IsolatedDriver:
         self._begin()
 
     def _begin(self) -> None:
-        self._name = next(_NAMES)
-        weakref.finalize(self, _GONE[self._spec].append, self._name)
+        """Take a place in the policy's process."""
+        self._process, self._name = _process_of(self._spec), next(_NAMES)
+        weakref.finalize(self, self._process.gone.append, self._name)
 
     def __getstate__(self) -> tuple[str, bytes]:
         return self._spec, self._ask("copy", None)
@@ -106,6 +105,8 @@ class IsolatedDriver:
 
     def reset(self, mission: Mission) -> None:
         """See `Policy.reset`."""
+        if not self._process.worker.is_alive():
+            self._begin()
         key = int(np.random.SeedSequence([mission.key, 1]).generate_state(1)[0])
         self._ask("reset", dataclasses.replace(mission, key=key))
 
@@ -115,16 +116,15 @@ class IsolatedDriver:
         return command
 
     def _ask(self, call: str, value: Any) -> Any:
-        process, pipe = _process_of(self._spec)
-        gone = _GONE[self._spec]
+        worker, pipe, gone = self._process.worker, self._process.pipe, self._process.gone
         try:
             pipe.send((call, self._name, value, [gone.pop() for _ in range(len(gone))]))
             if not pipe.poll(LONGEST):
                 raise TimeoutError(f"took longer than {LONGEST:g} s")
             answer, failure = pipe.recv()
         except (EOFError, OSError) as error:
-            process.kill()  # a late answer would be taken for the next one's
-            _process_of.cache_clear()
+            worker.kill()  # a late answer would be taken for the next one's
+            worker.join()
             why = error if isinstance(error, TimeoutError) else "ended"
             raise RuntimeError(f"the policy's process {why} in {call}") from error
         if failure:
@@ -133,18 +133,31 @@ class IsolatedDriver:
 
 
 _NAMES: Final = itertools.count()  # of drivers
-_GONE: Final[dict[str, list[int]]] = defaultdict(list)  # whose policies a process may forget
 
 
-@lru_cache(4)
-def _process_of(spec: str) -> tuple[Any, Connection]:
-    """Start a policy's process, which ends with its pipe or with this process, and the pipe."""
-    start = multiprocessing.get_context("spawn")
-    ours, theirs = start.Pipe()
-    process = start.Process(target=_serve, args=(json.loads(spec), theirs), daemon=True)
-    process.start()
-    theirs.close()
-    return process, ours
+class _Process:
+    """A policy's process, which ends with its pipe: when nobody uses it, or with this process."""
+
+    def __init__(self, spec: str) -> None:
+        start = multiprocessing.get_context("spawn")
+        self.pipe, theirs = start.Pipe()
+        self.worker = start.Process(target=_serve, args=(json.loads(spec), theirs), daemon=True)
+        self.worker.start()
+        theirs.close()
+        self.gone: list[int] = []  # drivers whose policies it may forget
+
+
+_USED: Final[weakref.WeakValueDictionary[str, _Process]] = weakref.WeakValueDictionary()
+_LATEST: Final[list[_Process]] = []  # the next episode of the same policy finds it
+
+
+def _process_of(spec: str) -> _Process:
+    """The process of policies of these settings."""
+    process = _USED.get(spec)
+    if process is None or not process.worker.is_alive():
+        process = _USED[spec] = _Process(spec)
+    _LATEST[:] = [process]
+    return process
 
 
 def _serve(spec: Any, pipe: Connection) -> None:
@@ -157,13 +170,15 @@ def _serve(spec: Any, pipe: Connection) -> None:
             for one in gone:
                 policies.pop(one, None)
             try:
-                if call == "paste":
-                    policies[driver] = pickle.loads(value)
-                elif call == "copy":
+                if call == "reset":
+                    policies[driver] = make_policy(spec)
+                if call == "copy":
                     answer = pickle.dumps(policies.get(driver))
+                elif call == "paste":
+                    policies[driver] = pickle.loads(value)
+                elif policies.get(driver) is None:
+                    raise InputError("it was not reset in this process")
                 else:
-                    if call == "reset":
-                        policies[driver] = make_policy(spec)
                     answer = getattr(policies[driver], call)(value)
             except Exception as error:
                 failure = str(error) if isinstance(error, InputError) else traceback.format_exc()

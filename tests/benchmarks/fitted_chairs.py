@@ -49,6 +49,8 @@ def environment(number: int, chair: ChairSettings, sensors: SensorSettings) -> d
     believed = sensors.laser
     errors = {
         "laser.sigma": true["sigma"],
+        "laser.bias": 0.0,
+        "laser.dropout": drives.LASER.dropout,
         "laser.x_error": true["x"] - believed.x,
         "laser.y_error": true["y"] - believed.y,
         "laser.yaw_error": true["yaw"] - believed.yaw,
@@ -100,7 +102,7 @@ def main(words: list[str]) -> None:
     """Fit, train, drive and print."""
     folder, seeds = Path(words[0]), int(words[1]) if len(words) > 1 else 100
     of_all = {of: trained(of, folder / of) for of in ("default", "wide")}
-    outcomes: dict[str, list[bool]] = {}
+    outcomes: dict[str, dict[Any, bool]] = {}  # by chair, scene and seed
     for number in range(CHAIRS):
         found, place = found_chair(number), folder / f"chair_{number}"
         weights = of_all | {of: trained(of, place / of, found) for of in ("point", "posterior")}
@@ -118,22 +120,29 @@ def main(words: list[str]) -> None:
                 [policy], SCENES, range(FIRST_SEED, FIRST_SEED + n),
                 env={"config": beliefs[belief]}, folder=place, jobs=2, progress=False,
             )  # fmt: skip
-            good = [one["success"] and not one["contact"] for one in records]
-            outcomes.setdefault(f"{arm}, {belief}", []).extend(good)
-            print(f"chair {number}  {arm:10} {belief:8} {np.mean(good):7.1%}", flush=True)
+            good = {
+                (number, one["scene"], one["seed"]): one["success"] and not one["contact"]
+                for one in records
+            }
+            outcomes.setdefault(f"{arm}, {belief}", {}).update(good)
+            print(f"chair {number}  {arm:10} {belief:8} {np.mean(list(good.values())):7.1%}")
     _print(outcomes)
 
 
-def _print(outcomes: dict[str, list[bool]]) -> None:
+def _print(outcomes: dict[str, dict[Any, bool]]) -> None:
     """Print shares with intervals, and tests against the shipped weights with default settings."""
     base = outcomes["shipped, default"]
-    others = [name for name, good in outcomes.items() if len(good) == len(base)]
-    p = holm([mcnemar(outcomes[name], base)[2] for name in others])
-    tested = dict(zip(others, p, strict=True))
-    for name, good in outcomes.items():
-        low, high = wilson(sum(good), len(good))
+    others = [name for name in outcomes if name != "shipped, default"]
+    tests = [
+        mcnemar(list(outcomes[name].values()), [base[key] for key in outcomes[name]])[2]
+        for name in others
+    ]
+    tested = dict(zip(others, holm(tests), strict=True))
+    for name, of in outcomes.items():
+        good, n = sum(of.values()), len(of)
+        low, high = wilson(good, n)
         against = f"p {tested[name]:.3g}" if name in tested else ""
-        print(f"{name:20} {np.mean(good):7.1%} ({low:.1%} to {high:.1%})  n {len(good)}  {against}")
+        print(f"{name:20} {good / n:7.1%} ({low:.1%} to {high:.1%})  n {n}  {against}")
 
 
 if __name__ == "__main__":

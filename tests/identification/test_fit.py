@@ -27,7 +27,7 @@ HIDDEN = {
     "delay": 0.04, "laser.sigma": 0.012, "laser.x_error": 0.03, "laser.y_error": -0.04,
     "laser.yaw_error": 0.04, "laser.offset_error": 0.025, "odometry.scale_error": 0.008,
     "odometry.diameter_error": -0.015, "odometry.track_error": 0.025, "body.mass": 190.0,
-    "motor.gain": 0.85, "slope": math.radians(1.5), "downhill": 2.0,
+    "motor.gain": 0.85, "slope": math.radians(1.5), "downhill": 2.0, "command_delay": 0.06,
 }  # fmt: skip
 RELATIVE = {**identification.RELATIVE, "torque_constant": 0.02}
 
@@ -70,7 +70,7 @@ def test_the_settings_that_are_written_are_the_chair(found):
     assert chair.drive.counts_per_metre == pytest.approx(4346.0 / told["scale"])
     assert chair.motor.believed_constant == CHAIR.motor.torque_constant
     assert sensors.laser.offset == told["offset"]
-    assert joint.mean == (0.0,) * 7
+    assert joint.mean == (0.0,) * 6
     dataclasses.replace(chair, joint=joint)  # they go together
 
 
@@ -155,9 +155,18 @@ def test_a_fitted_simulation_predicts_another_drive(held, found):
 
 
 def test_a_log_without_commands_is_not_simulated(held):
-    silent = held._replace(log=held.log._replace(commands=np.empty((0, 3))))
-    with pytest.raises(InputError, match="held: expected the commands of the drive"):
-        predict(silent, [(CHAIR, SENSORS)])
+    log = held.log
+    few = {"scan_stamps": log.scan_stamps[:90], "ranges": log.ranges[:90]}
+    for changes, why in (
+        ({"commands": np.empty((0, 3))}, "held: expected the commands of the drive"),
+        (few, "held: expected scans of 10 s or more"),
+    ):
+        with pytest.raises(InputError, match=why):
+            predict(held._replace(log=log._replace(**changes)), [(CHAIR, SENSORS)])
+    blind = {"scan_stamps": log.scan_stamps[:-40], "ranges": log.ranges[:-40]}
+    assert (
+        predict(held._replace(log=log._replace(**blind)), [(CHAIR, SENSORS)])[0][-1].windows > 200
+    )
 
 
 def test_a_wall_at_a_measured_distance_shows_the_offset(held):

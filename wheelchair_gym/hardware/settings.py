@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from wheelchair_gym.base.settings import InputError, setting, settings
 from wheelchair_gym.hardware.joystick import JoystickSettings
 from wheelchair_gym.safety.settings import StaleSettings
@@ -74,8 +76,8 @@ class HardwareSettings:
 class TwinSettings:
     """The emulated boards of a simulated chair, in this process and in simulated time."""
 
-    plant: str | None = setting(default=None)
-    """File of the chair as it is, where it differs from what its computer believes."""
+    plant: Any = setting(default=None)
+    """The chair as it is, where it differs from what its computer believes: a file, or sections."""
 
 
 def check_boards(sensors: SensorSettings) -> None:

@@ -14,7 +14,7 @@ from wheelchair_gym.maps import FREE, OccupancyGrid
 from wheelchair_gym.perception.localized_chair import unwrapped
 from wheelchair_gym.perception.occupancy import read_scan
 from wheelchair_gym.safety import ShieldSettings
-from wheelchair_gym.sensors.settings import LaserSettings
+from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.types import Chair, Command, Episode, Reading
 
 _QUARTER, _FULL = 2.62, 7.9  # s of a quarter turn at 0.6 rad/s, of a full one at 0.8 rad/s
@@ -60,13 +60,14 @@ def free_floor_env(settings: EnvSettings, chair: Chair) -> NavigationEnv:
     return NavigationEnv("empty", config, chair=chair)
 
 
-def check_room(reading: Reading, laser: LaserSettings) -> None:
-    """Refuse a place in which the program does not fit.
+def check_room(reading: Reading, sensors: SensorSettings) -> None:
+    """Refuse a place in which the program does not fit, as far as the scanners see it.
 
     Raises:
         ValueError: something stands within ROOM; the text says where.
     """
-    echoes = read_scan(laser, reading.laser[: laser.beams]).echoes
+    scans = zip(sensors.lasers, sensors.slices, strict=True)
+    echoes = np.concatenate([read_scan(one, reading.laser[beams]).echoes for one, beams in scans])
     (back, front), (right, left) = ROOM["ahead"], ROOM["left"]
     x, y = echoes.T
     inside = (x > back) & (x < front) & (y > right) & (y < left)
@@ -89,12 +90,12 @@ def excite(env: gym.Env[Any, Any]) -> DriveLog:
         ValueError: there is too little room, or the chair or the shield stopped the program.
     """
     inner: Any = env.unwrapped
-    chair, shield, laser = unwrapped(inner.chair), inner.shield, inner.settings.sensors.laser
+    chair, shield, settings = unwrapped(inner.chair), inner.shield, inner.settings
     floor = OccupancyGrid(np.full((200, 200), FREE, np.int8), 0.1, (-10.0, -10.0, 0.0))
     far = np.array([9.0, 9.0, 0.0])
     env.reset(options={"episode": Episode(floor, np.zeros(3), far, time_limit=2.0 * DURATION)})
     reading: Reading = inner.task.reading
-    check_room(reading, laser)
+    check_room(reading, settings.sensors)
     wheels, stamps, scans = [chair.wheels], [chair.scan_stamps], [reading.laser]
     due = 0.0
     for v, w, seconds in PROGRAM:
@@ -110,7 +111,6 @@ def excite(env: gym.Env[Any, Any]) -> DriveLog:
             wheels.append(chair.wheels)
             stamps.append(chair.scan_stamps)
             scans.append(reading.laser)
-    settings = inner.settings
     return log_of_reports(
         np.concatenate(wheels), stamps, scans, settings.sensors, settings.chair.drive
     )

@@ -50,10 +50,11 @@ AGREES: Final = {
 }  # fmt: skip
 _RELATIVE = 0.05  # likewise, of push and damping: relative deviation
 _MIN_SLOPE, _CERTAIN = math.radians(0.5), 4.0  # rad and deviations: of a pull that is reported
-# Quantities of `chair.joint` that the unknowns become, in their order; `scale` divides counts.
+# Quantities of `chair.joint` that the unknowns become, in their order; `scale` divides counts. The
+# uncertainty of the offset is the scanner's bias.
 _JOINT: Final = (
     "odometry.scale_error", "odometry.diameter_error", "odometry.track_error", "laser.x_error",
-    "laser.y_error", "laser.yaw_error", "laser.offset_error",
+    "laser.y_error", "laser.yaw_error",
 )  # fmt: skip
 
 
@@ -153,7 +154,7 @@ def _combined(parts: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
 
 
 def _no_echo(log: DriveLog) -> tuple[int, int]:
-    """Beams without an echo between two scans with one and the same, and all beams with such."""
+    """Numbers of lost echoes, and of beams whose echoes in the scans before and after agree."""
     before, now, after = log.ranges[:-2], log.ranges[1:-1], log.ranges[2:]
     seen = np.isfinite(before) & np.isfinite(after)
     seen &= np.abs(np.where(seen, before, 0.0) - np.where(seen, after, 0.0)) < 0.1

@@ -111,11 +111,10 @@ def predict(
         simulations: settings of each; the mount of its first scanner places the scans.
 
     Raises:
-        InputError: the log has no commands, or lacks what `fit` needs, too.
+        InputError: see `check_commands`, or the log lacks what `fit` needs, too.
     """
     log = drive.log
-    if not len(log.commands):
-        raise InputError(f"{drive.name}: expected the commands of the drive; record it anew")
+    check_commands(drive)
     found = find_kinematics(
         drive.name, log, drive.chair.drive, drive.sensors.laser, np.random.default_rng(0)
     )
@@ -130,12 +129,26 @@ def predict(
     return predictions
 
 
+def check_commands(drive: Drive) -> None:
+    """Refuse a drive that cannot be simulated.
+
+    Raises:
+        InputError: it has no commands, or is too short for the longest of HORIZONS.
+    """
+    log = drive.log
+    if not len(log.commands):
+        raise InputError(f"{drive.name}: expected the commands of the drive; record it anew")
+    if log.scan_stamps[-1] - log.scan_stamps[0] < 2.0 * HORIZONS[-1]:
+        raise InputError(f"{drive.name}: expected scans of {2.0 * HORIZONS[-1]:g} s or more")
+
+
 def _compared(
     log: DriveLog, path: Array, told: DriveLog, poses: Array, times: Array, points: list[Array],
     seconds: float,
 ) -> Prediction:  # fmt: skip
     """Compare windows between two scans, made at `times` (m,), with those of a simulation."""
-    starts = np.arange(max(times[0], log.stamps[0]), log.stamps[-1] - seconds, _EVERY)
+    end = min(times[-1], log.stamps[-1]) - seconds
+    starts = np.arange(max(times[0], log.stamps[0]), end, _EVERY)
     first = np.searchsorted(times, starts)
     last = np.searchsorted(times, times[first] + seconds)
     first, last = first[last < len(times)], last[last < len(times)]

@@ -120,8 +120,10 @@ def find_walls(laser: LaserSettings, ranges: Floats, poses: Array) -> Walls:
     return merge_walls(Walls(found[:, :2], found[:, 2:]), _MAX_DISTANCE, _MAX_GAP, _MIN_LINES)
 
 
-def merge_walls(walls: Walls, across: float = _SAME, gap: float = _JOINT, least: int = 1) -> Walls:
-    """Walls, the longest first, with all that continue one; those of fewer than `least` are out.
+def merge_walls(
+    walls: Walls, across: float = _SAME, gap: float = _JOINT, min_lines: int = 1
+) -> Walls:
+    """Merge walls that continue each other; drop those of fewer than `min_lines` lines.
 
     Rough poses show a wall twice.
     """
@@ -137,7 +139,7 @@ def merge_walls(walls: Walls, across: float = _SAME, gap: float = _JOINT, least:
                 break
         else:
             members[k] = 1
-    kept = [k for k, count in members.items() if count >= least]
+    kept = [k for k, count in members.items() if count >= min_lines]
     return Walls(walls.lines[kept], spans[kept])
 
 

@@ -166,9 +166,9 @@ def check(chair: ChairSettings, period: float) -> None:
 def range_error(chair: ChairSettings, sensors: SensorSettings) -> float:
     """Error [m] of a point near the outline, by the settings of the lasers and what is drawn.
 
-    It is two standard deviations of the offset, noise, and the errors of offset and mount that
-    rows of `chair` draw, as those of a fit. Points are means of several beams, whose noise is about
-    a third of that of one beam.
+    It is two standard deviations of the offset, noise, and the greatest errors of offset and mount
+    that rows of `chair` can draw, as those of a fit. Points are means of several beams, whose noise
+    is about a third of that of one beam.
     """
 
     def greatest(name: RandomizedName, configured: float = 0.0) -> float:

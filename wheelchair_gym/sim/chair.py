@@ -185,7 +185,8 @@ class SimulatedChair(Chair):
         rows["set_point"] = state["v"], state["w"]
         if state["step"]:
             rows["command"] = self.chairs.pointers.array("drives", 0)[state["step"] - 1, :2]
-            rows["age"] = self.period
+            delay = self.chairs.parameters[0]["delay"]
+            rows["age"] = self.period - delay * self.physics.step
         rows["echo"] = -1
         return rows
 

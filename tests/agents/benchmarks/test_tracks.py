@@ -82,9 +82,17 @@ def test_it_reaches_neither_the_environment_nor_the_key_of_its_world():
 @pytest.mark.parametrize(("name", "said"), [("Fails", "no idea"), ("Ends", "ended in act")])
 def test_a_policy_that_fails_is_reported(name, said):
     policy = make_policy({"name": "isolated", "policy": f"{NAME}{name}"})
+    other = make_policy({"name": "isolated", "policy": "straight"})
+    env = make_env("empty", {"beams": 16}, None)
+    env.reset(seed=0)
+    other.reset(env.unwrapped.mission)
     for _ in range(2):  # also after its process has ended
         with pytest.raises(RuntimeError, match=said):
             driven(policy)
+    other.act(env.unwrapped.mission.reading)  # in a process of its own
+    with pytest.raises(RuntimeError, match="it was not reset in this process"):
+        make_policy({"name": "isolated", "policy": "straight"}).act(env.unwrapped.mission.reading)
+    env.close()
 
 
 def test_results_are_verified_and_changed_ones_are_found(tmp_path, capsys):

@@ -130,6 +130,9 @@ def test_calibration_drives_fits_and_writes(tmp_path, monkeypatch, capsys):
     assert saved["track"] == drive.track
     assert saved["feed"] == pytest.approx(3.7 / 0.165 / 1.008, rel=0.03)
     simulate = ["replay", record, "--simulate", "--bar", "0.01"]
+    capsys.readouterr()
+    assert "need --simulate" in refusal(["replay", record, "--bar", "0.01"], capsys)
+    assert "--picture: expected without" in refusal([*simulate, "--picture", "a.png"], capsys)
     assert main([*simulate, "--config", str(config)]) == 0
     out = str(tmp_path / "fit")
     assert main(["fit", record, "--hold", record, "--out", out]) == 0

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -143,7 +144,7 @@ class EpisodeTwin(HardwareChair):
 
     Args:
         settings: of the environment that drives it.
-        plant: file of the chair as it is, where it differs from these settings.
+        plant: the chair as it is, where it differs from these settings: a file, or sections.
 
     Raises:
         InputError: the extra 'hardware', a compiler or the emulator is missing, or the file is
@@ -152,7 +153,7 @@ class EpisodeTwin(HardwareChair):
 
     needs_rearm = False
 
-    def __init__(self, settings: EnvSettings, plant: str | None = None) -> None:
+    def __init__(self, settings: EnvSettings, plant: Any = None) -> None:
         check_extras("hardware")
         for target in TARGETS:
             build_target(target)
@@ -180,6 +181,8 @@ class EpisodeTwin(HardwareChair):
         assert episode is not None
         if len(episode.actors):
             raise InputError(f"{episode.name}: somebody moves there; expected a still place")
+        if not math.isnan(self._begun):  # it comes to rest before it is carried away
+            super().reset()
         self._twin.reset(episode, key)
         return super().reset(episode, key)
 

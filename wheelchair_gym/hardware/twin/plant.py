@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 import math
 from fnmatch import fnmatch
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -202,14 +201,15 @@ class PlantSettings(NamedTuple):
     physics: PhysicsSettings
 
     @classmethod
-    def read(cls, file: str | Path, believed: PlantSettings) -> PlantSettings:
-        """Read the sections chair, sensors and physics of a JSON file over believed settings.
+    def read(cls, file: Any, believed: PlantSettings) -> PlantSettings:
+        """Read sections chair, sensors and physics, or a JSON file of them, over believed settings.
 
         Raises:
             InputError: the file cannot be read, or sets something that the chair's computer or
                 boards decide, or that the twin does not carry out.
         """
-        content = read_json(file)
+        content = file if isinstance(file, dict) else read_json(file)
+        file = "the plant" if isinstance(file, dict) else file
         if not isinstance(content, dict) or (unknown := set(content) - set(cls._fields)):
             given = "no object" if not isinstance(content, dict) else f"the key {min(unknown)}"
             raise InputError(f"{file} has {given}; expected chair, sensors or physics")
