@@ -667,7 +667,8 @@ READERS: dict[str, Reader] = {
     ),
     "hidden chair": Reader(
         lambda folder: _written(folder / "hidden.json", HIDDEN),
-        lambda path: PlantSettings.read(path, BELIEVED), ("hardware.twin.plant.read",),
+        lambda path: PlantSettings.read(path, BELIEVED),
+        ("hardware.twin.plant.read", "cli.compare.compare"),
     ),
     "scene settings": Reader(
         _scenes,

@@ -134,8 +134,7 @@ def test_calibration_drives_fits_and_writes(tmp_path, monkeypatch, capsys):
     assert "need --simulate" in refusal(["replay", record, "--bar", "0.01"], capsys)
     assert "--picture: expected without" in refusal([*simulate, "--picture", "a.png"], capsys)
     assert main([*simulate, "--config", str(config)]) == 0
-    out = str(tmp_path / "fit")
-    assert main(["fit", record, "--hold", record, "--out", out]) == 0
+    assert main(["fit", record, "--hold", record, "--out", str(tmp_path / "fit")]) == 0
     capsys.readouterr()
     told = json.loads((tmp_path / "fit" / "fit.json").read_text())
     before, fitted = (told["predictions"][k]["position_95"] for k in (2, 5))
