@@ -156,17 +156,16 @@ def test_a_fitted_simulation_predicts_another_drive(held, found):
 
 def test_a_log_without_commands_is_not_simulated(held):
     log = held.log
-    few = {"scan_stamps": log.scan_stamps[:90], "ranges": log.ranges[:90]}
-    for changes, why in (
-        ({"commands": np.empty((0, 3))}, "held: expected the commands of the drive"),
-        (few, "held: expected scans of 10 s or more"),
-    ):
-        with pytest.raises(InputError, match=why):
-            predict(held._replace(log=log._replace(**changes)), [(CHAIR, SENSORS)])
-    blind = {"scan_stamps": log.scan_stamps[:-40], "ranges": log.ranges[:-40]}
-    assert (
-        predict(held._replace(log=log._replace(**blind)), [(CHAIR, SENSORS)])[0][-1].windows > 200
-    )
+
+    def predicted(**changes):
+        return predict(held._replace(log=log._replace(**changes)), [(CHAIR, SENSORS)])[0]
+
+    with pytest.raises(InputError, match="held: expected the commands of the drive"):
+        predicted(commands=np.empty((0, 3)))
+    with pytest.raises(InputError, match="held: expected scans of 10 s or more"):
+        predicted(scan_stamps=log.scan_stamps[:90], ranges=log.ranges[:90])
+    silent = predicted(scan_stamps=log.scan_stamps[:-40], ranges=log.ranges[:-40])
+    assert silent[-1].windows > 200
 
 
 def test_a_wall_at_a_measured_distance_shows_the_offset(held):

@@ -135,11 +135,11 @@ def test_calibration_drives_fits_and_writes(tmp_path, monkeypatch, capsys):
     assert "--picture: expected without" in refusal([*simulate, "--picture", "a.png"], capsys)
     assert main([*simulate, "--config", str(config)]) == 0
     assert main(["fit", record, "--hold", record, "--out", str(tmp_path / "fit")]) == 0
-    capsys.readouterr()
     told = json.loads((tmp_path / "fit" / "fit.json").read_text())
     before, fitted = (told["predictions"][k]["position_95"] for k in (2, 5))
     assert before > 0.01 > 5.0 * fitted
     assert "A chair, fitted" in (tmp_path / "fit" / "report.html").read_text()
+    capsys.readouterr()
     assert "has 1, from 0" in refusal([*simulate, "--episode", "1"], capsys)
 
 

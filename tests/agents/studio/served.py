@@ -97,6 +97,7 @@ def axe(page):
     """A page has no fault that axe, which knows rules of accessibility, finds."""
     from axe_playwright_python.sync_playwright import Axe
 
+    until(page, "document.querySelector('[data-t=title]')?.textContent !== ''")  # by a script
     found = Axe().run(page).response["violations"]
     assert [(one["id"], one["nodes"][0]["html"]) for one in found] == []
 
