@@ -6,9 +6,8 @@ Along the heading a chair of mass m on wheels of radius r obeys
 
 with M = m + 2 I / r^2 (I: inertia of rotor and wheel), U the sum of both motors' voltages, k =
 gain K / (R r), and s(v) the sign of the speed, smooth about rest. About the vertical axis the same
-holds with the difference of the voltages; only straight drives are used. Everything but k / M,
-K / r, F / M and the slope is
-hidden in these: mass, gain and resistance cannot be told apart without scales.
+holds with the difference of the voltages; only straight drives are used. A log shows k / M, K / r,
+F / M and the slope. It does not show mass, gain and resistance apart: that takes scales.
 
 Each term is multiplied by a function that vanishes, with its slope, at both ends of a window, and
 integrated by parts (modulating functions; Shinbrot 1957, On the Analysis of Linear and Nonlinear

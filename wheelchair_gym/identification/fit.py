@@ -17,6 +17,7 @@ import numpy as np
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.errors import InputError
 from wheelchair_gym.base.settings import dump
+from wheelchair_gym.engine import GRAVITY
 from wheelchair_gym.geometry.kinematics import DriveGeometry
 from wheelchair_gym.geometry.planar import compose, relative_pose
 from wheelchair_gym.identification import drive_train, kinematics
@@ -78,7 +79,7 @@ class Fit(NamedTuple):
     joint: JointRandomization  # of what is still uncertain
     findings: tuple[Finding, ...]
     notes: tuple[str, ...]  # structure that the model does not explain
-    weakest: str  # the combination of kinematic unknowns that is the least certain
+    weakest: str  # the most uncertain combination of kinematic unknowns
 
 
 def missing(log: DriveLog, drive: DriveGeometry) -> str:
@@ -267,13 +268,13 @@ def _fit_further(
 
 
 def _weakest(covariance: Array) -> str:
-    """Name the combination of UNKNOWNS that is the least certain, in units of MEASURED."""
+    """Name the most uncertain combination of UNKNOWNS, in units of MEASURED."""
     units = np.array(list(MEASURED.values()))
     variances, directions = np.linalg.eigh(covariance / np.outer(units, units))
     parts = zip(directions[:, -1], MEASURED, strict=True)
     named = [f"{part:+.2f} {name}" for part, name in sorted(parts, key=lambda p: -abs(p[0]))]
     share = math.sqrt(variances[-1])
-    return f"least certain: {', '.join(named[:3])}: {share:.2f} of what counts as measured"
+    return f"most uncertain: {', '.join(named[:3])}: {share:.2f} of what counts as measured"
 
 
 def tuned_chair(found: Fit) -> ChairSettings:
@@ -370,10 +371,9 @@ def _fit_motors(
     gain = push * total * motor.resistance * radius / constant
     ratio = deviations / np.array([push, damping, max(drag, 1e-3)])
     of_constant = constant * math.hypot(ratio[0], ratio[1])
-
-    share = chair.body.centre_of_mass / chair.body.wheelbase
     body = chair.body
-    known = (body.rolling_resistance * (1.0 - share) + body.caster_drag * share) * 9.81
+    share = body.centre_of_mass / body.wheelbase
+    known = (body.rolling_resistance * (1.0 - share) + body.caster_drag * share) * GRAVITY
     factor = float(np.clip(drag * total / weight / known, 0.0, 10.0)) if known else 1.0
     seen, of_seen = push * radius / constant, 2.0 * ratio[0] + ratio[1]
     weighed = -1.0 if mass is None else _RELATIVE * gain

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from fnmatch import fnmatch
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -208,8 +209,8 @@ class PlantSettings(NamedTuple):
             InputError: the file cannot be read, or sets something that the chair's computer or
                 boards decide, or that the twin does not carry out.
         """
-        content = file if isinstance(file, dict) else read_json(file)
-        file = "the plant" if isinstance(file, dict) else file
+        named = isinstance(file, str | Path)
+        content, file = (read_json(file), file) if named else (file, "the plant")
         if not isinstance(content, dict) or (unknown := set(content) - set(cls._fields)):
             given = "no object" if not isinstance(content, dict) else f"the key {min(unknown)}"
             raise InputError(f"{file} has {given}; expected chair, sensors or physics")
