@@ -30,7 +30,7 @@ from wheelchair_gym.sim.settings import ChairSettings, PhysicsSettings
 
 CHAIRS: Final = 8
 SCENES: Final = ("doorway", "skill", "floor_plan")
-FRAMES: Final = 3_000_000  # of each fine-tuning, from the shipped weights
+FRAMES: Final = 1_000_000  # of each fine-tuning, from the shipped weights
 PLANNER_SEEDS: Final = 30  # at most, of each scene
 LONGEST_DELAY: Final = 0.12  # s, of commands in wide ranges
 FIRST_SEED: Final = 7_000

@@ -80,6 +80,15 @@ def browsing():
         browser.close()
 
 
+# Pages turn and messages arrive late, as on a loaded machine: a test that does not wait fails always.
+LATE = """window.WebSocket = class extends WebSocket {
+  set onmessage(take) { super.onmessage = event => setTimeout(take, 20, event); }
+};
+const listen = addEventListener;
+window.addEventListener = (kind, take, how) =>
+  listen(kind, kind === "hashchange" ? event => setTimeout(take, 200, event) : take, how);"""
+
+
 @contextmanager
 def looked_at(browser, url, script=""):
     """A page of a browser; at the end, nothing was wrong on its console."""
@@ -87,7 +96,7 @@ def looked_at(browser, url, script=""):
     page.on("console", lambda m: m.type in ("error", "warning") and wrong.append(m.text))
     page.on("pageerror", lambda error: wrong.append(str(error)))
     page.set_default_timeout(300_000.0)
-    page.add_init_script(script)
+    page.add_init_script(LATE + script)
     page.goto(url)
     yield page
     assert wrong == []

@@ -363,8 +363,9 @@ def test_a_lost_connection_is_told(page):
 
 def tab(page, name):
     """Turn to a page."""
+    ready = {"plan": "studio.kinds.length && studio.world", "compare": "studio.sources"}
     page.click(f"[data-page={name}]")
-    until(page, {"plan": "studio.world", "compare": "studio.sources"}.get(name, WAITS))
+    until(page, f"document.querySelector('[data-page={name}][aria-current]') && {ready.get(name, WAITS)}")
 
 
 def on_map(page, x, y):
