@@ -80,7 +80,7 @@ def browsing():
         browser.close()
 
 
-# Pages turn and messages arrive late, as on a loaded machine: a test that does not wait fails always.
+# Messages and turns of pages are late, as on a loaded machine: a test that does not wait fails.
 LATE = """window.WebSocket = class extends WebSocket {
   set onmessage(take) { super.onmessage = event => setTimeout(take, 20, event); }
 };

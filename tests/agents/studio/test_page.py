@@ -365,7 +365,8 @@ def tab(page, name):
     """Turn to a page."""
     ready = {"plan": "studio.kinds.length && studio.world", "compare": "studio.sources"}
     page.click(f"[data-page={name}]")
-    until(page, f"document.querySelector('[data-page={name}][aria-current]') && {ready.get(name, WAITS)}")
+    until(page, f"document.querySelector('[data-page={name}][aria-current]')")
+    until(page, ready.get(name, WAITS))
 
 
 def on_map(page, x, y):
