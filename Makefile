@@ -21,7 +21,7 @@ RCLPY := build/rclpy
 # What tests look at pages with.
 BROWSER := chromium
 
-.PHONY: browser rclpy demo test test-realtime test-313 test-all examples package lint bench docs films clean help emulator firmware
+.PHONY: browser rclpy demo test test-realtime test-313 test-all examples package lint bench docs results films clean help emulator firmware
 
 help:
 	@echo "make demo      planned and learned policies drive a wheelchair; prints where the report is"
@@ -35,6 +35,7 @@ help:
 	@echo "make lint      ruff, mypy and the budget of lines"
 	@echo "make bench     how fast it is on this machine"
 	@echo "make docs      builds the documentation into build/docs; a warning is an error"
+	@echo "make results   measures the figures of the documentation anew (hours; NAMES=\"league speed\": these)"
 	@echo "make films     draws the films and pictures of the documentation"
 	@echo "make emulator  compilers and emulator of the chair's boards (Debian; root or sudo)"
 	@echo "make browser   Chromium, with which tests look at pages (Debian; root or sudo)"
@@ -92,6 +93,11 @@ bench: $(READY)
 docs: $(READY)
 	$(CLEAN_ENV) $(BIN)/python -m sphinx -b html -j 2 -W --keep-going -q docs build/docs
 	@echo "build/docs/index.html"
+
+# NAMES="league speed": these result files only; WHAT=try: one episode of each, nothing is taken;
+# MAPS: a folder with barn_60.json, BARN's own worlds.
+results: $(READY)
+	cd $(or $(MAPS),.) && $(abspath $(BIN))/python $(CURDIR)/docs/tables.py $(or $(WHAT),run) $(NAMES)
 
 films: $(READY)
 	$(BIN)/python docs/films.py

@@ -9,10 +9,13 @@ HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE), str(HERE.parent)]
 
 import generate  # noqa: E402
+import tables  # noqa: E402
 
 from wheelchair_gym import __version__  # noqa: E402
 
 generate.write_pages(HERE / "generated")
+if stale := tables.stale():
+    sys.exit(f"results measured with other code than the release's: {', '.join(stale)}")
 
 project = "wheelchair_gym"
 author = "the wheelchair_gym developers"

@@ -7,6 +7,10 @@ words of pages, columns and rows stand in docs/tables.yaml.
 env.json of `wheelchair bench env`, the t1-agreement.json or the t1-budget.json of `wheelchair
 study`: counts and means, from which intervals follow. `wheelchair study` itself writes the
 verdicts.csv of agents/data.
+`python docs/tables.py run [NAME ...]` (`make results`) repeats the commands of result files, of all
+without a name, and takes what they find; finished episodes are kept, so that it can be stopped.
+Maps that a command names are those of the folder from which it is called.
+`python docs/tables.py try [NAME ...]` drives one episode of each policy and scene for a try.
 """
 
 from __future__ import annotations
@@ -14,6 +18,8 @@ from __future__ import annotations
 import csv
 import json
 import re
+import shlex
+import subprocess
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
@@ -42,6 +48,7 @@ WORDS: dict[str, Any] = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_
 CHAPTERS: dict[str, str] = WORDS["chapters"]
 PAGES = (*WORDS["pages"], *(f"docs/studies/{name}.md" for name in CHAPTERS))
 ASSISTANCE = ("agreement_angle", "intervention_share", "stick_effort")  # means are kept
+EXCEPTIONS = 5  # files of other code that may stand beside the release's, with reasons
 _PART = re.compile(r"(<!-- figures: (\w+) -->\n).*?(<!-- end -->\n)", re.S)
 
 Row = Mapping[str, Any]
@@ -55,7 +62,7 @@ def condensed(content: Mapping[str, Any]) -> dict[str, Any]:
     source = content.get("provenance", content)
     head = {
         "command": without_outputs(content["command"]),
-        **{key: source[key] for key in ("commit", "finished") if key in source},
+        **{key: source[key] for key in ("commit", "trees", "finished") if key in source},
         "machine": {key: source["machine"][key] for key in ("cpu", "cores")},
         "versions": source["versions"],
     }
@@ -176,6 +183,50 @@ def take(name: str, file: Path) -> Path:
     path = DATA / f"{name}.json"
     write_text(path, f'{{\n{head} "rows": [\n  {rows}\n ]\n}}\n')
     return path
+
+
+def measure(names: Sequence[str], kept: bool = True) -> None:
+    """Repeat the commands of result files, of all without a name; unless kept, only for a try.
+
+    Raises:
+        InputError: a name is unknown, or commands failed; the others ran.
+    """
+    failed = []
+    known = sorted(path.stem for path in DATA.glob("*.json"))
+    for name in names:
+        if name not in known:
+            raise InputError(f"result file {name!r} is unknown; known: {', '.join(known)}")
+    for name in names or known:
+        words = shlex.split(results(name)["command"])[1:]
+        folder = ROOT / "runs" / ("results" if kept else "tried") / name
+        more = {"compare": ["--no-video"], "study": [], "bench": []}[words[0]]
+        if not kept:
+            less = {"compare": ["--episodes", "1"], "study": ["--runs", "2"], "bench": []}
+            more += less[words[0]]
+        print(f"{name}: wheelchair {shlex.join(words)}", flush=True)
+        command = [sys.executable, "-m", "wheelchair_gym", *words, *more, "--out", str(folder)]
+        written = {"compare": "results.json", "bench": "env.json", "study": f"{words[1]}.json"}
+        if subprocess.run(command, check=False).returncode:
+            failed.append(name)
+        elif kept:
+            take(name, folder / written[words[0]])
+    if failed:
+        raise InputError(f"commands failed, their results are as before: {', '.join(failed)}")
+
+
+def stale() -> list[str]:
+    """Result files of other code than the release's, without those that tables.yaml excepts.
+
+    Raises:
+        InputError: there are more exceptions than five.
+    """
+    excepted, released = WORDS["excepted"], WORDS["released"]
+    if len(excepted) > EXCEPTIONS:
+        raise InputError(f"docs/tables.yaml: excepted: expected at most {EXCEPTIONS} names")
+    found = {path.stem: results(path.stem).get("trees") for path in DATA.glob("*.json")}
+    return sorted(
+        name for name, of in found.items() if released and of != released and name not in excepted
+    )
 
 
 def results(name: str) -> dict[str, Any]:
@@ -519,8 +570,12 @@ def main(words: Sequence[str]) -> int:
                 pass
             case ["take", name, file]:
                 take(name, Path(file))
+            case ["run" | "try" as what, *names]:
+                measure(names, kept=what == "run")
             case _:
-                raise InputError("expected no argument, or: take NAME FILE")
+                raise InputError("expected no argument, or: take NAME FILE, run or try [NAME ...]")
+        if old := stale():
+            raise InputError(f"measured with other code than the release: {', '.join(old)}")
         for path, text in contents().items():
             write_text(path, text)
     except InputError as error:

@@ -35,6 +35,18 @@ def test_an_unknown_table_is_named():
         TABLES["filled"](text, "page.md")
 
 
+def test_results_of_other_code_than_the_release_are_named(monkeypatch, capsys):
+    assert TABLES["stale"]() == []
+    monkeypatch.setitem(TABLES["WORDS"], "released", {"agents": "0" * 12})
+    monkeypatch.setitem(TABLES["WORDS"], "excepted", {"league": "takes hours"})
+    assert TABLES["stale"]() == [path.stem for path in FILES if path.stem != "league"]
+    monkeypatch.setitem(TABLES["WORDS"], "excepted", dict.fromkeys("abcdef"))
+    with pytest.raises(InputError, match="excepted: expected at most 5 names"):
+        TABLES["stale"]()
+    assert TABLES["main"](["run", "leage"]) == 2
+    assert "result file 'leage' is unknown; known: agreement" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_a_result_file_says_how_it_was_measured(path):
     found = json.loads(path.read_text(encoding="utf-8"))

@@ -20,7 +20,6 @@ import gymnasium as gym
 import numpy as np
 import shapely
 
-from agents.evaluation import provenance as results
 from agents.evaluation.tables import templates
 from wheelchair_gym.envs import EnvSettings, NavigationVectorEnv
 from wheelchair_gym.envs.settings import BankSettings, env_settings
@@ -246,11 +245,6 @@ def _batch_facts(env: NavigationVectorEnv, n: int, before: int, first: bool) -> 
         env.reset(seed=seed)
     spent = (time.perf_counter() - begun) / 3
     yield {"what": "resets with worlds of the bank", "value": n / spent, "unit": "1/s"}
-
-
-def provenance(**settings: Any) -> Row:
-    """The provenance of a result."""
-    return {"settings": settings, **results.provenance(load=os.getloadavg()[0])}
 
 
 def wall_loops(walls: np.ndarray[Any, Any]) -> list[list[list[float]]]:

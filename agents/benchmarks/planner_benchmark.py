@@ -20,10 +20,9 @@ from matplotlib.figure import Figure
 
 from agents import is_interrupt, read_data
 from agents.benchmarks import entrants as contest
-from agents.benchmarks.environments import provenance
 from agents.evaluation.metrics import path_figures
 from agents.evaluation.plots import COLOURS, DASHES, LOOK, MARKS
-from agents.evaluation.provenance import command_line, machine, now, write_json
+from agents.evaluation.provenance import command_line, machine, now, provenance, write_json
 from agents.evaluation.runs import compute, read_store, run_key, source_digest, stopped_by_ctrl_c
 from agents.evaluation.statistics import share
 from agents.evaluation.tables import Cell, Column, Table
@@ -378,10 +377,11 @@ class PlannerBenchmark:
     def result(self) -> dict[str, Any]:
         """The content of the results file."""
         rows = self.rows()
+        load = os.getloadavg()[0]
         return {
             "format": FORMAT,
             "command": command_line(),
-            "provenance": {**provenance(**self._settings), "written": now()},
+            "provenance": {"settings": self._settings, **provenance(load=load), "written": now()},
             "problems": [case.description for case in self.cases],
             "rows": rows,
             "anytime": {

@@ -18,7 +18,7 @@ from agents.benchmarks.entrants import small_problem
 from agents.cli import arguments
 from agents.control import FOLLOWERS
 from agents.evaluation.evaluate import warm
-from agents.evaluation.provenance import command_line, cores, write_json, write_text
+from agents.evaluation.provenance import command_line, cores, provenance, write_json, write_text
 from planners import PLANNERS, make_planner
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
@@ -28,7 +28,7 @@ from wheelchair_gym.people.drivers import make_driver
 
 def env(given: argparse.Namespace) -> int:
     """Measure the speed of environments; print each figure at once, and write all of them."""
-    from agents.benchmarks.environments import measure, measure_driver, provenance
+    from agents.benchmarks.environments import measure, measure_driver
 
     arguments.check_assist(given)
     if given.seconds <= 0.0:
@@ -36,7 +36,7 @@ def env(given: argparse.Namespace) -> int:
     peer = not given.no_peers and importlib.util.find_spec("irsim") is not None
     sizes = {name: getattr(given, name) for name in ("beams", "envs", "threads")}
     more = {"bank": given.bank, "seconds": given.seconds}
-    source = provenance(**sizes, **more)
+    source = {"settings": sizes | more, **provenance(load=os.getloadavg()[0])}
     rows = []
     if given.driver is None:
         found = measure(*sizes.values(), **more, peer=peer, start=not given.no_startup)

@@ -29,15 +29,15 @@ STICK_COLUMNS = ("agreement_angle", "intervention_share", "stick_movements", "st
 SEED_OFFSET = 500_000  # from the seeds of trials to those on which the best is evaluated again
 
 
-def scenes_of(names: Sequence[str] | None) -> list[str | dict[str, Any]]:
-    """Return scenes by name; the name FILE.json means all worlds of the file."""
-    found: list[str | dict[str, Any]] = []
+def scenes_of(names: Sequence[str] | None, suite: Sequence[Spec]) -> list[Spec]:
+    """Return scenes by their name or label in the suite; FILE.json means all worlds of the file."""
+    found, of_suite = list[Spec](), {label(scene): scene for scene in suite}
     for name in names or ():
         if name.endswith(".json"):
             barn, stem = {"name": "barn", "path": name}, Path(name).stem
             found += [{**barn, "world": n, "label": f"{stem} {n}"} for n in world_numbers(name)]
         else:
-            found.append(labelled(name))
+            found.append(of_suite.get(name, labelled(name)))
     return found
 
 
@@ -50,7 +50,7 @@ def compare(given: argparse.Namespace) -> int:
     terminal_table({"summary": [], "scenes": []}, columns)  # before hours of driving
     suite = comparison.suite(given.suite)
     env = dict(suite.env) if given.config is None else {"config": given.config}
-    scenes = [*scenes_of(given.scenes), *map_scenes(given)] or suite.scenes
+    scenes = [*scenes_of(given.scenes, suite.scenes), *map_scenes(given)] or suite.scenes
     if given.pose is not None and len(given.pose) == 1:
         env["pose_source"] = given.pose[0]
     elif given.pose is not None:
@@ -210,8 +210,8 @@ def _objective(given: argparse.Namespace, what: Any, folder: Path) -> Any:
     env |= {"shield": shield_of(given), "split": "train"}
     if given.config is None and given.pose is None:
         env["pose_source"] = DEFAULT_POSE
-    scenes: Sequence[Spec] = scenes_of(given.scenes)
-    scenes = scenes or comparison.suite(given.suite or "homes").scenes
+    suite = comparison.suite(given.suite or "homes").scenes
+    scenes = scenes_of(given.scenes, suite) or suite
     return Drives(scenes, env, metric, folder, given.jobs or cores())
 
 

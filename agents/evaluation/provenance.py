@@ -21,22 +21,23 @@ PACKAGES = (
     "wheelchair_gym", "numpy", "numba", "gymnasium", "pymunk", "scipy", "shapely",
     "stable-baselines3", "torch",
 )  # fmt: skip
+TREES = ("wheelchair_gym", "planners", "agents", "configs")  # of code that figures depend on
+
+
+def git(*arguments: str) -> str | None:
+    """What git says about this checkout; None outside a repository."""
+    root = Path(__file__).resolve().parents[2]
+    with suppress(OSError, subprocess.SubprocessError):
+        return subprocess.run(
+            ["git", *arguments], cwd=root, capture_output=True, text=True, timeout=10, check=True
+        ).stdout.strip()
+    return None
 
 
 def commit() -> str | None:
     """The code's git commit, with `+` if files differ from it; None outside a repository."""
-    root = Path(__file__).resolve().parents[2]
-
-    def git(*arguments: str) -> str:
-        done = subprocess.run(
-            ["git", *arguments], cwd=root, capture_output=True, text=True, timeout=10, check=True
-        )
-        return done.stdout.strip()
-
-    try:
-        return git("rev-parse", "--short=12", "HEAD") + ("+" if git("status", "-s", "-uno") else "")
-    except (OSError, subprocess.SubprocessError):
-        return None
+    head = git("rev-parse", "--short=12", "HEAD")
+    return head and head + ("+" if git("status", "-s", "-uno") else "")
 
 
 def machine() -> dict[str, Any]:
@@ -67,8 +68,10 @@ def versions() -> dict[str, str]:
 
 
 def provenance(**more: Any) -> dict[str, Any]:
-    """The code's commit, the machine (with more of its conditions), and versions."""
-    return {"commit": commit(), "machine": machine() | more, "versions": versions()}
+    """The code's commit, git's names of its trees, the machine (and more of it), and versions."""
+    trees = {name: git("rev-parse", "--short=12", f"HEAD:{name}") for name in TREES}
+    more = machine() | more
+    return {"commit": commit(), "trees": trees, "machine": more, "versions": versions()}
 
 
 def now() -> str:

@@ -8,6 +8,7 @@ and prints; it can be stopped and continued. Hidden chairs are the first of
 from __future__ import annotations
 
 import dataclasses
+import math
 import sys
 from pathlib import Path
 from typing import Any, Final
@@ -34,6 +35,7 @@ FRAMES: Final = 1_000_000  # of each fine-tuning, from the shipped weights
 PLANNER_SEEDS: Final = 30  # at most, of each scene
 LONGEST_DELAY: Final = 0.12  # s, of commands in wide ranges
 FIRST_SEED: Final = 7_000
+SPARE: Final = 1.2  # by which a shielded chair brakes harder than it is asked to
 
 
 def found_chair(number: int) -> Fit:
@@ -85,6 +87,10 @@ def training_env(of: str, found: Fit | None) -> EnvSettings:
     chair = dataclasses.replace(found.chair, randomize=of == "posterior")
     if of == "posterior":
         chair = dataclasses.replace(chair, joint=found.joint)
+        stop = min(chair.limits.protective, math.floor(10 * chair.braking / SPARE) / 10)
+        chair = dataclasses.replace(
+            chair, limits=dataclasses.replace(chair.limits, protective=stop)
+        )
     return dataclasses.replace(base, chair=chair, sensors=sensors)
 
 
