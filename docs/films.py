@@ -48,11 +48,25 @@ RRT_STAR_WOA = {"name": "rrt_star_woa_global+controls", "label": "RRT*-WOA"}
 LEARNED = {"name": "ppo_guided", "label": "learned: ppo_guided"}
 LEAF = {"name": "map_file", "path": str(FOLDER.parent / "leaf.json"), "start": (1.0, 1.5, 0.0)}
 LEAF |= {"goal": (5.3, 1.5, 0.0)}
+SHARED_DWA = {"name": "assisted", "assist": "shared_dwa"}
+DOCK = {"name": "skill", "course": "dock", "env": {"driver": "expert"}}
+TREMOR = {"name": "floor_plan", "env": {"driver": "essential_tremor"}}
+GALLERY = {  # of README.md: scene, policy, seed
+    "home": ("floor_plan", "lattice+window", 3),
+    "barn": ("barn", "ppo_guided", 1),
+    "crowd": ("crowd", "ppo_guided", 33),
+    "door": ("doorway", "lattice+window", 0),
+    "dock": (DOCK, SHARED_DWA, 0),
+    "assisted": (TREMOR, SHARED_DWA, 4),
+}
 FILMS = {
     "drive": Film("floor_plan", (RRT_STAR_WOA, LEARNED), 1, 4, 2, (400, 400)),
     "crowd": Film("crowd", ("ppo_guided",), 33, 2),
     "people": Film("people", ("lattice+window",), 9, 3),
     "edge_on_leaf": Film(LEAF, ("lattice+window",), 0, 2, size=(320, 600)),
+} | {
+    f"gallery/{name}": Film(scene, (policy,), seed, 5, 2, (240, 300))
+    for name, (scene, policy, seed) in GALLERY.items()
 }
 
 

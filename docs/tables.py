@@ -32,6 +32,7 @@ import yaml
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT)]
 
+from agents.control import FOLLOWERS  # noqa: E402
 from agents.evaluation.compare import BEST  # noqa: E402
 from agents.evaluation.evaluate import label  # noqa: E402
 from agents.evaluation.metrics import WIDE  # noqa: E402
@@ -39,8 +40,11 @@ from agents.evaluation.provenance import without_outputs, write_text  # noqa: E4
 from agents.evaluation.statistics import mcnemar, mcnemar_p, ratio_interval, wilson  # noqa: E402
 from agents.evaluation.tables import markdown_table  # noqa: E402
 from agents.learning.weights import load_weights  # noqa: E402
+from agents.people import ASSISTANTS  # noqa: E402
 from agents.studies.runner import STUDIES, count_verdicts, effect_text  # noqa: E402
+from planners import PLANNERS  # noqa: E402
 from wheelchair_gym.base.settings import InputError, read_json  # noqa: E402
+from wheelchair_gym.people.drivers import DRIVERS  # noqa: E402
 
 DATA = ROOT / "docs" / "results" / "data"
 WEIGHTS = ROOT / "agents" / "data" / "weights"
@@ -353,7 +357,9 @@ def measured() -> str:
         drives.append((text.format(f"{row['episodes']:,}"), success(row), contacts(row)))
     rates = {row["what"]: row["rate"] for row in results("speed")["rows"] if row["beams"] == 1081}
     speeds = [(text, f"{rates[what]:,.0f}") for what, text in WORDS["rates"].items()]
-    return "\n".join((table("drives", drives), table("rates", speeds), claims()))
+    counts = map(len, (PLANNERS, FOLLOWERS, DRIVERS, ASSISTANTS))
+    end = claims() + WORDS["counts"].format(*counts)
+    return "\n".join((table("drives", drives), table("rates", speeds), end))
 
 
 def published_verdicts(study: str = "") -> list[dict[str, Any]]:

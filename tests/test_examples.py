@@ -21,7 +21,6 @@ EXAMPLES = {
     "ppo_in_one_file": (["2"], "update 1: reward a step"),
     "ros_pure_pursuit": ([], ""),  # which tests/hardware/test_robot.py runs with a robot
     "skills": ([], "dock: up to a desk"),
-    "study": (["p1", "--out", "{folder}"], "report.html"),
     "tracks": ([], "person "),
     "train_sb3": (["--frames", "1024", "--episodes", "1", "--out", "{folder}"], "of 1 arrived"),
 }
