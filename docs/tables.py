@@ -32,6 +32,7 @@ import yaml
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT)]
 
+from agents.benchmarks.tracks import TRACKS, read_result  # noqa: E402
 from agents.control import FOLLOWERS  # noqa: E402
 from agents.evaluation.compare import BEST  # noqa: E402
 from agents.evaluation.evaluate import label  # noqa: E402
@@ -449,6 +450,21 @@ def learned() -> str:
     return markdown_table(headings, rows)
 
 
+def leaderboard() -> str:
+    """The entries of each track of the benchmark, the best first."""
+    entries = [read_result(path) for path in sorted((DATA.parent / "entries").glob("*.json"))]
+    tables = []
+    for track in TRACKS:
+        rows = [
+            (f"`{of['policy']}`", percent(round(of["n"] * of["success"]), of["n"]),
+             f"{of['contacts']}; {of['at_fault']}", number(of["time"], 1),
+             number(of["clearance"], 2), number(of["act_ms"], 2), of["commit"])
+            for of in sorted(entries, key=lambda of: -float(of["success"])) if of["track"] == track
+        ]  # fmt: skip
+        tables.append(f"`{track}`\n\n{table('leaderboard', rows)}")
+    return "\n".join(tables)
+
+
 def sources() -> str:
     """Every result file with its command."""
     rows = [
@@ -536,7 +552,7 @@ def claims_text(names: Sequence[str]) -> str:
 FIGURES: dict[str, Callable[[], str]] = {
     function.__name__: function
     for function in (planned, barn_60, league, league_pairs, speed, measured, claims, agreement,
-                     learned, skills_pairs, sources, verdicts_by_study, gain)
+                     leaderboard, learned, skills_pairs, sources, verdicts_by_study, gain)
 }  # fmt: skip
 FIGURES |= {name: partial(claims_text, names.split()) for name, names in CHAPTERS.items()} | {
     "docking": partial(_driven, "skills_dock", "driver"),

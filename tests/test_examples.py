@@ -20,7 +20,6 @@ EXAMPLES = {
     "pixel_observations": (["--steps", "32", "--episodes", "1"], "(3, 84, 84)"),
     "ppo_in_one_file": (["2"], "update 1: reward a step"),
     "ros_pure_pursuit": ([], ""),  # which tests/hardware/test_robot.py runs with a robot
-    "skills": ([], "dock: up to a desk"),
     "tracks": ([], "person "),
     "train_sb3": (["--frames", "1024", "--episodes", "1", "--out", "{folder}"], "of 1 arrived"),
 }

@@ -103,7 +103,7 @@ def export(folder: Path, protocol: Protocol, people: Sequence[Progress], bom: bo
         folder: of the experiment.
         protocol: the experiment.
         people: its participants.
-        bom: begin each file with a byte-order mark, by which some programs recognize UTF-8.
+        bom: begin each file with a byte-order mark, which tells some programs that it is UTF-8.
 
     Raises:
         InputError: a file cannot be written.

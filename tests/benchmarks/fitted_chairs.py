@@ -35,7 +35,7 @@ FRAMES: Final = 1_000_000  # of each fine-tuning, from the shipped weights
 PLANNER_SEEDS: Final = 30  # at most, of each scene
 LONGEST_DELAY: Final = 0.12  # s, of commands in wide ranges
 FIRST_SEED: Final = 7_000
-SPARE: Final = 1.2  # by which a shielded chair brakes harder than it is asked to
+SPARE: Final = 1.2  # a shielded chair must brake harder than its limits ask by this factor
 
 
 def found_chair(number: int) -> Fit:
@@ -70,7 +70,7 @@ def environment(number: int, chair: ChairSettings, sensors: SensorSettings) -> d
 
 
 def training_env(of: str, found: Fit | None) -> EnvSettings:
-    """The training environment of an arm: that of the shipped weights, but for its chair."""
+    """The training environment of an arm: that of the shipped weights with another chair."""
     base = recipe("ppo").env_settings()
     if of == "wide":
         ranges = HIDDEN | {"command_delay": (0.0, LONGEST_DELAY)}

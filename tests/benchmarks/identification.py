@@ -32,7 +32,7 @@ from wheelchair_gym.sim.settings import PhysicsSettings as Physics
 
 SEED: Final = 66_2411  # of the hypercube
 CHAIRS: Final = 24
-# Hidden quantities and their bounds; rows of `chair.randomization`, but for the first.
+# Hidden quantities and their bounds; rows of `chair.randomization`, except the first.
 HIDDEN: Final[dict[str, tuple[float, float]]] = {
     "delay": (0.0, 0.09),  # s: of the scans' stamps
     "laser.sigma": (0.008, 0.025),

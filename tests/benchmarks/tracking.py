@@ -435,7 +435,7 @@ def measure_log() -> dict[str, float]:
 
 
 def measure_cost() -> dict[str, float]:
-    """Microseconds of a reading in a dense hall, chair driving: the least of several runs."""
+    """Microseconds of a reading in a dense hall, chair driving: the smallest of several runs."""
     out = {}
     for beams in (1081, 181, 64):
         sensors: Any = SensorSettings(laser=LaserSettings(beams=beams), pose_source="odometry")

@@ -531,7 +531,7 @@ def test_the_joystick_goes_before_the_host_that_must_ask_for_zero_before_it_driv
     assert min(bench.speeds) == pytest.approx(0.5, abs=0.01)
 
 
-def test_a_joystick_frame_with_any_byte_wrong_is_not_heeded(firmware):
+def test_a_joystick_frame_with_any_byte_wrong_is_ignored(firmware):
     drive = Bench(firmware)
     good = ibus(manual=True, held=True)
     for at in range(len(good)):

@@ -350,7 +350,7 @@ def test_no_stamp_switches_freshness_off(bridge, caplog):
 
 
 def test_every_broadcaster_of_static_transforms_is_heard(bridge):
-    """Each says its own edges, all at the start; the laser hangs on a chain of them."""
+    """Each says its own edges, all at the start; the laser is attached to a chain of them."""
     x, y, yaw = bridge.mounted
     links = ["base_link", *(f"link_{k}" for k in range(20)), "laser_link"]
     bridge.statics = [

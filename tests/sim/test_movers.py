@@ -266,7 +266,7 @@ def test_a_chair_that_slides_into_a_wall_has_caused_it(friction):
 
 
 def test_a_standing_chair_never_causes_a_collision():
-    """Most are cylinders that heed nobody; many go into it, and none of it is its doing."""
+    """Most are cylinders that avoid nobody; many drive into it, and none is its fault."""
     blind = {"density": (0.08, 0.12), "inattentive_share": 0.5, "crossing_share": 0.7}
     contacts = bumps = 0
     for chair, _ in crowds(

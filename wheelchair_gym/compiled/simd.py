@@ -81,7 +81,7 @@ def _bitcast(kind: Any, to: Any) -> Any:
     return intrinsic(lambda typingctx, value: (to(kind), lower))
 
 
-# The least of numbers that are not negative is that of their bits, which a loop finds in vectors.
+# The smallest of numbers that are not negative has the smallest bits, which vectors find.
 bits_of_double = cast("Callable[[float], np.int64]", _bitcast(types.float64, types.int64))
 double_of_bits = cast("Callable[[np.int64], float]", _bitcast(types.int64, types.float64))
 bits_of_float = cast("Callable[[Any], np.uint32]", _bitcast(types.float32, types.uint32))

@@ -51,7 +51,7 @@ _FINE = 0.001  # s between two checks for the next odometry
 
 
 def for_equal_wheels(command: Command, drive: DriveGeometry, speed: float) -> Command:
-    """The command by which a board that takes both wheels for equal drives a twist.
+    """The command with which a board that assumes equal wheels drives a twist.
 
     `speed` [m/s] is the board's present set point: while it rises, so does the turn that unequal
     wheels ask for.

@@ -23,7 +23,7 @@ _MAX_TURN, _MAX_DISTANCE, _MAX_GAP = 0.12, 0.12, 0.6  # rad, m, m: of lines of o
 _SAME, _JOINT = 0.08, 0.3  # m across, and along: of two walls that are one
 _MIN_LINES = 4  # of a wall
 _MARGIN = 0.10  # m at the ends of a wall, where beams hit corners
-_EVERY = 10  # each so many beams is used
+_EVERY = 10  # one of this many beams is used
 MIN_COSINE = 0.3  # of the angle of incidence: flatter beams are not used
 
 

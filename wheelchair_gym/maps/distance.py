@@ -25,7 +25,7 @@ def distance_to_occupied(solid: Mask, reach: float) -> Field:
     """Distance (rows, cols) [cells] from cell centres to the nearest solid cell's square.
 
     Exact below `reach`; at least `reach` (or infinite) beyond. First the distance up and down each
-    column; then, along each row, the least of all sums of squares.
+    column; then, along each row, the smallest sum of squares.
     """
     rows, cols = solid.shape
     far = np.float32(1e18)

@@ -212,7 +212,7 @@ class ReactionShares(_Shares):
 
 # m/s: deviation of preferred speeds (Weidmann 1993), and the least, with a walking frame
 _SPEED_SIGMA, _MIN_SPEED = 0.26, 0.4
-_START_DISTANCE = 2.0  # m: least of people from the chair's start
+_START_DISTANCE = 2.0  # m: smallest distance of people from the chair's start
 
 
 @settings

@@ -184,7 +184,7 @@ def test_the_curriculum_moves_starts_away_where_enough_succeed(trained):
 
 
 def test_worlds_are_drawn_while_it_learns_with_the_same_result(tmp_path, monkeypatch):
-    """At each checkpoint episodes draw from twice as many worlds, whoever made them, and when."""
+    """At each checkpoint episodes draw from twice as many worlds, whichever process made them."""
     monkeypatch.setattr(run_module, "FIRST_WORLDS", 1)
     limits, digests = [], []
     for name in ("whole", "stopped"):

@@ -60,7 +60,7 @@ def trained_run(folder):
 
 
 def random_weights(posed=True, head="clip", rear=0):
-    """Weights of a chair whose second laser, if any, has so many beams."""
+    """Weights of a chair whose second laser, if any, has this many beams."""
     lasers = {"laser": {"beams": 1081}, "more_lasers": [{"beams": rear}] if rear else []}
     env = {"sensors": lasers, "task": {"beams": 64}}
     made = load(EnvSettings, env, "env")

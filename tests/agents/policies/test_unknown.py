@@ -232,7 +232,7 @@ def test_a_way_that_was_free_once_is_taken_where_none_is_left_or_the_other_is_lo
     assert not way.unseen  # the first of its three maps leads there
     assert way.searched == 4
     stands = local_map.assumed_maps(shut, np.zeros(3), Footprint())[0]
-    assert (way.walls.cells == stands.cells).all()  # the follower heeds what is there
+    assert (way.walls.cells == stands.cells).all()  # the follower sees what is there
     round_it = searched(closed, None)
     assert round_it.solved
     assert not round_it.reopens

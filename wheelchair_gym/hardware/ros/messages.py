@@ -65,7 +65,7 @@ def scan(message: Mapping[str, Any], laser: LaserSettings, null: float) -> NDArr
     """Ranges (beams,) [m] of a sensor_msgs/LaserScan, as in `Reading.laser` (REP-117).
 
     Beams may come in either order, in any number, and over a wider fan or the whole circle: each
-    beam of the settings gets the least of the ranges next to it. A fan that is too small is an
+    beam of the settings gets the smallest of the ranges next to it. A fan that is too small is an
     error.
 
     Args:

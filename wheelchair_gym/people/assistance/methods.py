@@ -165,7 +165,7 @@ def _density(points: Array, front: float, half: float, direction: float) -> floa
 
 @borrowing_kernel
 def _direction(p: Any, a: Any, wanted: float) -> float:
-    """The direction [rad] of the least of density and parabola, within a right angle of ahead."""
+    """The direction [rad] ahead with the smallest sum of density and parabola."""
     points = a.points[: a.n_points]
     front, half = p.outline[0], p.outline[2] + _WIDEN
     best, minimum = wanted, _density(points, front, half, wanted)
