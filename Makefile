@@ -95,7 +95,7 @@ docs: $(READY)
 	@echo "build/docs/index.html"
 
 # NAMES="league speed": these result files only; WHAT=try: one episode of each, nothing is taken;
-# MAPS: a folder with barn_60.json, BARN's own worlds.
+# MAPS: a folder with barn_60.json, BARN's own worlds. The speed needs the extra peers, too.
 results: $(READY)
 	cd $(or $(MAPS),.) && $(abspath $(BIN))/python $(CURDIR)/docs/tables.py $(or $(WHAT),run) $(NAMES)
 

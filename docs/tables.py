@@ -23,6 +23,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -190,11 +191,14 @@ def take(name: str, file: Path) -> Path:
     return path
 
 
-def measure(names: Sequence[str], kept: bool = True) -> None:
+def measure(names: Sequence[str], kept: bool = True) -> list[str]:
     """Repeat the commands of result files, of all without a name; unless kept, only for a try.
 
+    Returns:
+        The names whose command failed; their results are as before.
+
     Raises:
-        InputError: a name is unknown, or commands failed; the others ran.
+        InputError: a name is unknown, or a peer is not installed.
     """
     failed = []
     known = sorted(path.stem for path in DATA.glob("*.json"))
@@ -204,10 +208,11 @@ def measure(names: Sequence[str], kept: bool = True) -> None:
     for name in names or known:
         words = shlex.split(results(name)["command"])[1:]
         folder = ROOT / "runs" / ("results" if kept else "tried") / name
-        more = {"compare": ["--no-video"], "study": [], "bench": []}[words[0]]
-        if not kept:
-            less = {"compare": ["--episodes", "1"], "study": ["--runs", "2"], "bench": []}
-            more += less[words[0]]
+        more = ["--no-video"] if words[0] == "compare" else []
+        few = {"compare": ["--episodes", "1"], "study": ["--runs", "2"], "bench": []}
+        more += [] if kept else few[words[0]]
+        if kept and words[0] == "bench" and find_spec("irsim") is None:
+            raise InputError(f"{name} measures IR-SIM, too: pip install 'wheelchair_gym[peers]'")
         print(f"{name}: wheelchair {shlex.join(words)}", flush=True)
         command = [sys.executable, "-m", "wheelchair_gym", *words, *more, "--out", str(folder)]
         written = {"compare": "results.json", "bench": "env.json", "study": f"{words[1]}.json"}
@@ -215,8 +220,7 @@ def measure(names: Sequence[str], kept: bool = True) -> None:
             failed.append(name)
         elif kept:
             take(name, folder / written[words[0]])
-    if failed:
-        raise InputError(f"commands failed, their results are as before: {', '.join(failed)}")
+    return failed
 
 
 def stale() -> list[str]:
@@ -228,10 +232,11 @@ def stale() -> list[str]:
     excepted, released = WORDS["excepted"], WORDS["released"]
     if len(excepted) > EXCEPTIONS:
         raise InputError(f"docs/tables.yaml: excepted: expected at most {EXCEPTIONS} names")
-    found = {path.stem: results(path.stem).get("trees") for path in DATA.glob("*.json")}
+    found = {path.stem: results(path.stem) for path in DATA.glob("*.json")}
     return sorted(
-        name for name, of in found.items() if released and of != released and name not in excepted
-    )
+        name for name, of in found.items() if released and name not in excepted
+        and (of.get("trees") != released or of["commit"].endswith("+"))
+    )  # fmt: skip
 
 
 def results(name: str) -> dict[str, Any]:
@@ -586,6 +591,7 @@ def contents() -> dict[Path, str]:
 
 def main(words: Sequence[str]) -> int:
     """Take a result file if asked to, and fill the pages."""
+    failed = []
     try:
         match words:
             case []:
@@ -593,13 +599,15 @@ def main(words: Sequence[str]) -> int:
             case ["take", name, file]:
                 take(name, Path(file))
             case ["run" | "try" as what, *names]:
-                measure(names, kept=what == "run")
+                failed = measure(names, kept=what == "run")
             case _:
                 raise InputError("expected no argument, or: take NAME FILE, run or try [NAME ...]")
-        if old := stale():
-            raise InputError(f"measured with other code than the release: {', '.join(old)}")
         for path, text in contents().items():
             write_text(path, text)
+        if failed:
+            raise InputError(f"commands failed, their results are as before: {', '.join(failed)}")
+        if old := stale():
+            raise InputError(f"measured with other code than the release: {', '.join(old)}")
     except InputError as error:
         print(f"tables: {error}", file=sys.stderr)
         return 2

@@ -6,6 +6,7 @@ import runpy
 
 import pytest
 
+from agents.benchmarks.tracks import TRACKS, read_result
 from agents.evaluation.compare import BEST, Suite, compare
 from tests.conftest import ROOT
 from wheelchair_gym.base.settings import InputError
@@ -54,6 +55,12 @@ def test_a_result_file_says_how_it_was_measured(path):
     assert re.fullmatch(r"[0-9a-f]{12}", found["commit"]), "measured with files that differ"
     assert set(found["machine"]) == {"cpu", "cores"}
     assert path.stat().st_size < 20_000
+
+
+def test_entries_of_the_benchmark_are_of_the_episodes_that_count():
+    for path in (TABLES["DATA"].parent / "entries").glob("*.json"):
+        entry = read_result(path)
+        assert entry["worlds"] == TRACKS[entry["track"]]["digests"]["test"], path
 
 
 def test_a_result_file_counts_what_a_comparison_found(tmp_path):

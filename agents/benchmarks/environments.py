@@ -6,8 +6,6 @@ import contextlib
 import io
 import os
 import statistics
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -174,23 +172,6 @@ def measure_driver(
                 yield row | {"share": {k: found / rates[k] for k in ("plain", "shield")}}
 
 
-def startup_times() -> tuple[float, float]:
-    """Seconds of `gymnasium.make` and `reset` in a new process, without and with compiled code."""
-    code = (
-        "import time; t = time.perf_counter(); import gymnasium, wheelchair_gym; "
-        f"gymnasium.make({ENV!r}).reset(seed=0); print(time.perf_counter() - t)"
-    )
-    with tempfile.TemporaryDirectory() as cache:
-        env = {**os.environ, "NUMBA_CACHE_DIR": cache}
-
-        def start() -> float:
-            command = [sys.executable, "-c", code]
-            done = subprocess.run(command, env=env, capture_output=True, text=True, check=True)
-            return float(done.stdout.split()[-1])
-
-        return start(), start()
-
-
 def measure(
     beams: Sequence[int],
     envs: Sequence[int],
@@ -199,13 +180,8 @@ def measure(
     bank: int,
     seconds: float,
     peer: bool,
-    start: bool,
 ) -> Iterator[Row]:
     """Rows of figures, one after another, with `seconds` for each measurement."""
-    if start:
-        first, second = startup_times()
-        yield {"what": "first start, with compilation", "value": first, "unit": "s"}
-        yield {"what": "start in a second process", "value": second, "unit": "s"}
     worlds: WorldBank = gym.make(ENV, config=bench_settings(beams[0], bank)).unwrapped.worlds  # type: ignore[attr-defined]
     worlds.episode(0, 0)
     made_ms, world_bytes = measure_bank(worlds, bank)

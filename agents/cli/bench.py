@@ -39,7 +39,7 @@ def env(given: argparse.Namespace) -> int:
     source = {"settings": sizes | more, **provenance(load=os.getloadavg()[0])}
     rows = []
     if given.driver is None:
-        found = measure(*sizes.values(), **more, peer=peer, start=not given.no_startup)
+        found = measure(*sizes.values(), **more, peer=peer)
     else:
         make_driver(given.driver)  # which refuses what is wrong
         if given.assist is not None:

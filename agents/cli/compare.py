@@ -19,8 +19,11 @@ from agents.evaluation import compare as comparison
 from agents.evaluation.compare import BRIEF, terminal_table
 from agents.evaluation.evaluate import Spec, label, labelled_with
 from agents.evaluation.provenance import cores
-from wheelchair_gym.base.settings import InputError, read_json
+from wheelchair_gym.base.settings import InputError, read_json, suggest
+from wheelchair_gym.envs.settings import env_settings
+from wheelchair_gym.hardware.twin.plant import PlantSettings
 from wheelchair_gym.people.drivers import make_driver
+from wheelchair_gym.scenes import SCENES
 from wheelchair_gym.scenes.barn import world_numbers
 
 NAMED = 3  # scenes in the name of a folder
@@ -37,6 +40,9 @@ def scenes_of(names: Sequence[str] | None, suite: Sequence[Spec]) -> list[Spec]:
             barn, stem = {"name": "barn", "path": name}, Path(name).stem
             found += [{**barn, "world": n, "label": f"{stem} {n}"} for n in world_numbers(name)]
         else:
+            if ":" not in name and name not in (known := {**of_suite, **dict.fromkeys(SCENES)}):
+                unknown = f"scene {name!r} is unknown; there are {', '.join(known)}"
+                raise InputError(unknown + suggest(name, known))
             found.append(of_suite.get(name, labelled(name)))
     return found
 
@@ -60,7 +66,10 @@ def compare(given: argparse.Namespace) -> int:
     env |= {"shield": shield_of(given), "split": "train" if given.training_seeds else "test"}
     env["model"] = given.model
     if given.chair is not None:
-        plant = None if given.plant is None else read_json(given.plant)
+        plant = None
+        if given.plant is not None:  # it is refused by its name, and at once
+            PlantSettings.read(given.plant, env_settings(given.config, model=given.model))
+            plant = read_json(given.plant)
         env["chair"] = {"name": given.chair, "plant": plant}
         if given.pose is None:
             env["pose_source"] = "mcl"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import json
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -16,7 +17,7 @@ from agents.cli.arguments import report
 from agents.cli.fit import findings_table, judged
 from agents.deploy import end_as_by_ctrl_c, listen_for_rearm
 from agents.deploy import to_stderr as _log
-from agents.evaluation.provenance import write_json
+from agents.evaluation.provenance import write_text
 from wheelchair_gym.base.settings import InputError, dump, read_json
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.hardware import joystick
@@ -135,10 +136,14 @@ def _excite(given: argparse.Namespace, settings: Any) -> DriveLog:
             env = RecordEpisodes(env, given.record)
         open_things.enter_context(closing(env))
         _log(
-            f"the chair drives squares, circles and turns for {DURATION:.0f} s, at up "
-            "to 0.7 m/s: keep 4 m x 4 m free, and a hand at the emergency stop"
+            f"once it is re-armed (Enter) and nobody drives it, the chair drives squares, circles "
+            f"and turns for {DURATION:.0f} s, at up to 0.7 m/s: keep 4 m x 4 m free, from 1 m "
+            "behind to 2 m ahead, and a hand at the emergency stop"
         )
-        return excite(env)
+        log = excite(env)
+        if given.record is not None:
+            _log(f"recorded: wheelchair fit {env.file}")
+        return log
 
 
 @_chair_errors()
@@ -160,7 +165,7 @@ def calibrate(given: argparse.Namespace) -> int:
         names = "laser", "more_lasers", "odometry"
         seen = dump(found.sensors)
         content.setdefault("sensors", {}).update({name: seen[name] for name in names})
-        write_json(given.config, content)
+        write_text(given.config, json.dumps(content, indent=2, allow_nan=False) + "\n")
         lines.append(f"written to {given.config} and to the drive board, saved")
     else:
         lines.append("not written: --write does, to the config and to the drive board")

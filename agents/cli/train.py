@@ -276,6 +276,8 @@ def dataset(given: argparse.Namespace) -> int:
     where = f"export MINARI_DATASETS_PATH={shlex.quote(given.out)}"
     load = f"python -c \"import minari; print(minari.load_dataset('{given.name}'))\""
     arrived = f"{found['successes']} successful"
+    if given.recordings and found["test"]:
+        arrived += f", {found['test']} in test worlds (judge on other seeds)"
     report(given, found, f"{text}, {arrived}: {found['folder']}; read it with\n{where}\n{load}")
     return 0
 

@@ -38,9 +38,9 @@ def run(given: argparse.Namespace) -> int:
     assert env.episode is not None
     if given.write_map is not None:
         write_map(env.episode.map, given.write_map)
-    real = believed = plant.PlantSettings(settings.chair, settings.sensors, settings.physics)
+    real = plant.PlantSettings(settings.chair, settings.sensors, settings.physics)
     if given.plant is not None:
-        real = plant.PlantSettings.read(given.plant, believed)
+        real = plant.PlantSettings.read(given.plant, settings)
     twin = lockstep.Twin(plant.Plant(*real), believed=settings.chair)
     twin.reset(env.episode, given.seed)
     twin.run(0.1)

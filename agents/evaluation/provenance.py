@@ -25,7 +25,7 @@ TREES = ("wheelchair_gym", "planners", "agents", "configs")  # of code that figu
 
 
 def git(*arguments: str) -> str | None:
-    """What git says about this checkout; None outside a repository."""
+    """Output of git for this checkout; None outside a repository, or where git fails."""
     root = Path(__file__).resolve().parents[2]
     with suppress(OSError, subprocess.SubprocessError):
         return subprocess.run(
@@ -35,9 +35,10 @@ def git(*arguments: str) -> str | None:
 
 
 def commit() -> str | None:
-    """The code's git commit, with `+` if files differ from it; None outside a repository."""
+    """The code's git commit, with `+` if its files differ from it; None outside a repository."""
     head = git("rev-parse", "--short=12", "HEAD")
-    return head and head + ("+" if git("status", "-s", "-uno") else "")
+    changed = git("status", "-s", "-uno", "--", *TREES)
+    return None if head is None or changed is None else head + ("+" if changed else "")
 
 
 def machine() -> dict[str, Any]:

@@ -167,12 +167,13 @@ def write_recorded(
 
     Observations are those of a policy, computed again from the recorded readings: they hold the
     goal also where a person drove. Actions are what the policy or the person's assistant made,
-    before the shield; rewards and ends are as recorded. Further arrays of an episode of n steps
+    before the shield; rewards and ends are as recorded, and a drive that a person ended is
+    truncated at its last step. Further arrays of an episode of n steps
     (Minari's `infos`): `stick` (n, 3), the person's deflections forward and to the left, and 1 if
     they last by themselves, NaN without a person; `asked` and `given` (n, 2) m/s, rad/s, before and
     after the shield; `intervened` (n,), where they differ. Metadata of an episode: `file`,
-    `number` in the file, `success`, `driver` (policy, person or simulated person), and labels such
-    as `assistant` and `interface`.
+    `number` in the file, `split`, `success`, `driver` (policy, person or simulated person), and
+    labels such as `assistant` and `interface`.
 
     Args:
         name: of the data set, such as `wheelchair/mine-v0`.
@@ -181,15 +182,17 @@ def write_recorded(
         folder: where data sets lie.
 
     Returns:
-        Name, folder, how many episodes and steps it has and how many succeeded; `unread`, a line
-        for each file that could not be read; `empty`, how many drives had no step.
+        Name, folder, how many episodes and steps it has, how many succeeded, how many are of `test`
+        worlds; `unread`, a line for each file that could not be read; `empty`, how many drives had
+        no step.
 
     Raises:
         InputError: Minari is not installed, the name is taken or malformed, nothing was found or
             could be read, or recordings differ in what one data set shares.
     """
     _prepare(name, Path(folder))
-    found: dict[str, Any] = {"episodes": 0, "steps": 0, "successes": 0, "empty": 0, "unread": []}
+    counts = dict.fromkeys(("episodes", "steps", "successes", "test", "empty"), 0)
+    found: dict[str, Any] = {**counts, "unread": []}
     stored = first = None
     for file in recordings_in(sources):
         try:
@@ -217,8 +220,10 @@ def write_recorded(
             labels = {key: str(told) for key, told in recorded.labels.items()}
             person = "person" if recorded.settings.driver is None else "simulated person"
             who = person if recorded.has_person else "policy"
-            metadata = {"file": str(file), "number": number, "success": success, "driver": who}
+            metadata = {"file": str(file), "number": number, "split": recorded.split}
+            metadata |= {"success": success, "driver": who}
             stored = _store(stored, name, [(episode, labels | metadata)], first[2])
+            found["test"] += recorded.split == "test"
             found["episodes"] += 1
             found["steps"] += len(recorded.actions)
             found["successes"] += success
@@ -279,6 +284,8 @@ def _recorded_episode(recorded: RecordedEpisode, settings: EnvSettings) -> tuple
         columns["given"].append(asked - less)
         columns["intervened"].append(any(less))
     env.close()
+    last = recorded.verdicts[-1]
+    last["truncated"] |= not last["terminated"]
     names = {"rewards": "reward", "terminations": "terminated", "truncations": "truncated"}
     buffer = EpisodeBuffer(
         seed=recorded.seed,

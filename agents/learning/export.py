@@ -15,7 +15,7 @@ from agents.evaluation.tables import templates
 from agents.learning import weights as learned
 from agents.learning.weights import Weights, check_card
 from wheelchair_gym.base.arrays import Floats
-from wheelchair_gym.base.errors import shorten
+from wheelchair_gym.base.errors import imports, shorten
 from wheelchair_gym.base.files import atomic_write, read_bytes, read_json
 from wheelchair_gym.base.settings import InputError, load
 from wheelchair_gym.envs.settings import EnvSettings
@@ -59,10 +59,8 @@ def export_onnx(weights: Weights, path: str | Path) -> dict[str, Any]:
         InputError: onnx is not installed, a file cannot be written, or the weights are of a chair
             without lasers or ultrasonics.
     """
-    try:
+    with imports("export needs", "learn"):
         import onnx
-    except ImportError:
-        raise InputError("export needs: pip install 'wheelchair_gym[learn]'") from None
     layout, arrays = weights.layout, weights.arrays
     env = load(EnvSettings, weights.card["env"], "weights: env")
     sizes = {key: n for key, n in layout.sizes if key not in PRIVILEGED}
@@ -117,10 +115,8 @@ class OnnxNetwork:
     """
 
     def __init__(self, path: str | Path) -> None:
-        try:
+        with imports("ONNX policies need", "learn"):
             import onnxruntime
-        except ImportError:
-            raise InputError("ONNX policies need: pip install 'wheelchair_gym[learn]'") from None
         path = Path(path)
         content = read_bytes(path, "weights")
         self.card = read_json(f"{path}.json")

@@ -45,9 +45,9 @@ class SB3VecEnv(VecEnv):
     """
 
     def __init__(self, env: NavigationVectorEnv, flat: bool = False) -> None:
-        mode = env.metadata["autoreset_mode"]
-        if mode.value != "SameStep":
-            raise ValueError(f"autoreset_mode is {mode.value}; expected SameStep")
+        mode = getattr(env.metadata.get("autoreset_mode"), "value", None)
+        if mode != "SameStep":
+            raise ValueError(f"autoreset_mode is {mode}; expected a vector environment's SameStep")
         self.env = env
         self._seed: int | None = None
         self._started = time.perf_counter()

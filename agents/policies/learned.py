@@ -164,8 +164,8 @@ class Trained:
         self._hold = max(1, round(acts_every / period))
         if not math.isclose(self._hold * period, acts_every, rel_tol=1e-6):
             raise InputError(
-                f"the policy acts at {self.env.rate:g} Hz; a control period of {period:g} s is "
-                "no whole part of that"
+                f"the policy acts at {self.env.rate:g} Hz, the environment at {1.0 / period:g} Hz; "
+                "expected the policy's rate or a multiple of it (rate, in --config)"
             )
         if len(sensors.ultrasonic.mounted) != dict(self.layout.sizes).get("ultrasonic", 0):
             raise InputError(

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from wheelchair_gym.base.errors import imports
 from wheelchair_gym.base.settings import InputError, setting, settings
 from wheelchair_gym.types import Command, Mission, Reading
 
@@ -103,12 +104,8 @@ class ManualPolicy:
         Raises:
             InputError: there is no window.
         """
-        try:
+        with imports("policy manual needs pygame-ce", "view"):
             import pygame
-        except ImportError:
-            raise InputError(
-                "policy manual needs pygame-ce: pip install 'wheelchair_gym[view]'"
-            ) from None
         if not pygame.display.get_init():
             raise InputError("policy manual: expected a window (--window), whose keys it reads")
         self._pygame, self._limits = pygame, mission.limits

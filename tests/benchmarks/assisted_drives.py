@@ -341,23 +341,6 @@ def names(text: str) -> list[str]:
     return text.split(",")
 
 
-def parse(parser: argparse.ArgumentParser, drives: int, out: str) -> argparse.Namespace:
-    """Parse the arguments, with the options of drives in batches; end the program on an error."""
-    text = "of a driver in a scene; a multiple of --rows"
-    parser.add_argument("--drives", type=int, default=drives, help=text)
-    parser.add_argument("--rows", type=int, default=25, help="of a batch")
-    parser.add_argument("--worlds", type=int, default=120, help="of a scene, which drives share")
-    parser.add_argument("--cache", default="runs/assisted_drives/worlds", help="folder of worlds")
-    text = "times of the time limit, for slow interfaces"
-    parser.add_argument("--limit", type=float, default=1.0, help=text)
-    parser.add_argument("--rear", action="store_true", help="a second scanner looks back")
-    parser.add_argument("--out", default=out, help="file of drives")
-    given = parser.parse_args()
-    if given.rows < 1 or given.drives < given.rows or given.drives % given.rows:
-        parser.error(f"--drives is {given.drives}; expected a multiple of --rows, {given.rows}")
-    return given
-
-
 def main() -> int:
     """Drive, and print tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -366,7 +349,18 @@ def main() -> int:
     parser.add_argument("--scenes", type=names, default=list(SCENES), help=text)
     parser.add_argument("--assist", type=names, default=["shared_dwa"], help=", ".join(ASSISTANTS))
     parser.add_argument("--no-expert", action="store_true", help="no drives of expert beside")
-    given = parse(parser, drives=75, out="runs/assisted_drives/drives.jsonl")
+    text = "of a driver in a scene; a multiple of --rows"
+    parser.add_argument("--drives", type=int, default=75, help=text)
+    parser.add_argument("--rows", type=int, default=25, help="of a batch")
+    parser.add_argument("--worlds", type=int, default=120, help="of a scene, which drives share")
+    parser.add_argument("--cache", default="runs/assisted_drives/worlds", help="folder of worlds")
+    text = "times of the time limit, for slow interfaces"
+    parser.add_argument("--limit", type=float, default=1.0, help=text)
+    parser.add_argument("--rear", action="store_true", help="a second scanner looks back")
+    parser.add_argument("--out", default="runs/assisted_drives/drives.jsonl", help="file of drives")
+    given = parser.parse_args()
+    if given.rows < 1 or given.drives < given.rows or given.drives % given.rows:
+        parser.error(f"--drives is {given.drives}; expected a multiple of --rows, {given.rows}")
     for name in given.scenes:
         if name not in SCENES and name not in COURSES:
             parser.error(f"--scenes: {name!r} is neither of {', '.join(SCENES)} nor a course")

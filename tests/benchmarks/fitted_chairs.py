@@ -16,6 +16,7 @@ from typing import Any, Final
 import numpy as np
 
 from agents.evaluation.evaluate import evaluate
+from agents.evaluation.metrics import Record
 from agents.evaluation.statistics import holm, mcnemar, wilson
 from agents.learning.run import train
 from agents.learning.settings import recipe
@@ -25,6 +26,7 @@ from wheelchair_gym.base.settings import dump
 from wheelchair_gym.envs import EnvSettings
 from wheelchair_gym.identification.fit import Fit, fit
 from wheelchair_gym.identification.predict import plant_for
+from wheelchair_gym.safety.state import SPARE
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sim.randomization import Randomization, exactly
 from wheelchair_gym.sim.settings import ChairSettings, PhysicsSettings
@@ -33,9 +35,10 @@ CHAIRS: Final = 8
 SCENES: Final = ("doorway", "skill", "floor_plan")
 FRAMES: Final = 1_000_000  # of each fine-tuning, from the shipped weights
 PLANNER_SEEDS: Final = 30  # at most, of each scene
+ON_BOARDS: Final = 2  # of the chairs, whose commands and scans are not late there
+BOARD_SEEDS: Final = 50  # at most, of `doorway`
 LONGEST_DELAY: Final = 0.12  # s, of commands in wide ranges
 FIRST_SEED: Final = 7_000
-SPARE: Final = 1.2  # a shielded chair must brake harder than its limits ask by this factor
 
 
 def found_chair(number: int) -> Fit:
@@ -67,6 +70,43 @@ def environment(number: int, chair: ChairSettings, sensors: SensorSettings) -> d
         physics=PhysicsSettings(slope=hidden["slope"], downhill=hidden["downhill"]),
     )
     return dump(config)
+
+
+def on_boards(number: int, chair: ChairSettings, sensors: SensorSettings) -> dict[str, Any]:
+    """An environment in which emulated boards drive a hidden chair with believed settings."""
+    hidden = hidden_chair(number)
+    true, whole = drives.truth(hidden), true_settings(hidden)
+    plant = {
+        "chair": {name: dump(getattr(whole, name)) for name in ("drive", "body", "battery")},
+        "sensors": {"laser": {name: true[name] for name in ("x", "y", "yaw", "offset", "sigma")}},
+        "physics": {name: hidden[name] for name in ("slope", "downhill")},
+    }
+    plant["chair"]["motor"] = {"gain": whole.motor.gain}
+    config = EnvSettings(
+        rate=5.0, chair=chair, sensors=dataclasses.replace(sensors, pose_source="mcl")
+    )
+    return {"config": dump(config), "chair": {"name": "twin", "plant": plant}}
+
+
+def compare_boards(number: int, of: str, believed: Any, folder: Path, drives: int) -> None:
+    """Print success and time of the shipped weights on emulated boards, and in simulation."""
+    simulated = environment(number, *believed)
+    simulated["sensors"]["pose_source"], simulated["shield"] = "mcl", {}  # as a real chair has it
+    rows = simulated["chair"]["randomization"]
+    simulated["chair"]["randomization"] = [r for r in rows if r["quantity"] != "command_delay"]
+    for where, env in (
+        ("boards", on_boards(number, *believed)), ("simulated", {"config": simulated}),
+    ):  # fmt: skip
+        records = driven("ppo_guided", ("doorway",), drives, env, folder)
+        good = [one["time"] for one in records if one["success"] and not one["contact"]]
+        time = f", {np.mean(good):.1f} s" if good else ""
+        print(f"chair {number}  {where:9} {of:8} {len(good)} of {drives}{time}")
+
+
+def driven(policy: str, scenes: Any, n: int, env: dict[str, Any], folder: Path) -> list[Record]:
+    """Records of a policy in n worlds of each scene."""
+    seeds = range(FIRST_SEED, FIRST_SEED + n)
+    return evaluate([policy], scenes, seeds, env=env, folder=folder, jobs=2, progress=False)
 
 
 def training_env(of: str, found: Fit | None) -> EnvSettings:
@@ -113,25 +153,25 @@ def main(words: list[str]) -> None:
         found, place = found_chair(number), folder / f"chair_{number}"
         weights = of_all | {of: trained(of, place / of, found) for of in ("point", "posterior")}
         beliefs = {
-            "default": environment(number, drives.CHAIR, drives.SENSORS),
-            "fitted": environment(number, found.chair, found.sensors),
-        }
+            "default": (drives.CHAIR, drives.SENSORS), "fitted": (found.chair, found.sensors),
+        }  # fmt: skip
         arms = [("shipped", "ppo_guided", belief) for belief in beliefs]
         arms += [("planner", "lattice+window", belief) for belief in beliefs]
         arms += [(of, weights[of], "default") for of in of_all]
         arms += [(of, weights[of], "fitted") for of in ("point", "posterior")]
         for arm, policy, belief in arms:
             n = min(seeds, PLANNER_SEEDS) if arm == "planner" else seeds
-            records = evaluate(
-                [policy], SCENES, range(FIRST_SEED, FIRST_SEED + n),
-                env={"config": beliefs[belief]}, folder=place, jobs=2, progress=False,
-            )  # fmt: skip
+            env = {"config": environment(number, *beliefs[belief])}
+            records = driven(policy, SCENES, n, env, place)
             good = {
                 (number, one["scene"], one["seed"]): one["success"] and not one["contact"]
                 for one in records
             }
             outcomes.setdefault(f"{arm}, {belief}", {}).update(good)
             print(f"chair {number}  {arm:10} {belief:8} {np.mean(list(good.values())):7.1%}")
+        for belief, believed in beliefs.items():
+            if number < ON_BOARDS:
+                compare_boards(number, belief, believed, place, min(seeds, BOARD_SEEDS))
     _print(outcomes)
 
 

@@ -139,7 +139,7 @@ def held():
 
 
 def test_a_fitted_simulation_predicts_another_drive(held, found):
-    """Also where the clock of the log began long before."""
+    """Also where the clock of the log began long before, and at another rate of the boards."""
     log, after = held.log, (found.chair, found.sensors)
     later = {name: getattr(log, name) + 100.0 for name in ("stamps", "scan_stamps")}
     later["commands"] = log.commands + np.array([100.0, 0.0, 0.0])
@@ -152,6 +152,10 @@ def test_a_fitted_simulation_predicts_another_drive(held, found):
     again = predict(held._replace(log=log._replace(**later)), [after])[0][-1]
     assert again.position == pytest.approx(fitted[-1].position, abs=5e-4)
     assert again.windows == pytest.approx(fitted[-1].windows, abs=1)
+    for rate in (60.0, 200.0):
+        motor = dataclasses.replace(CHAIR.motor, control_rate=rate)
+        faster = held._replace(chair=dataclasses.replace(CHAIR, motor=motor))
+        assert predict(faster, [after])[0][-1].position[1] < 0.02, rate
 
 
 def test_a_log_without_commands_is_not_simulated(held):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import reprlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 
 class InputError(ValueError):
@@ -11,6 +13,19 @@ class InputError(ValueError):
 
 class ArgumentError(InputError, TypeError):
     """An unknown keyword argument; its message has the words of Python's own `TypeError`."""
+
+
+@contextmanager
+def imports(what: str, extra: str) -> Iterator[None]:
+    """Import packages of an extra, where something needs them.
+
+    Raises:
+        InputError: one is not installed; it says how to install it.
+    """
+    try:
+        yield
+    except ImportError:
+        raise InputError(f"{what}: pip install 'wheelchair_gym[{extra}]'") from None
 
 
 _SHORT = reprlib.Repr()

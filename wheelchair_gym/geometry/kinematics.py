@@ -132,7 +132,7 @@ class DriveGeometry:
 
     track: float = setting(default=0.54, unit="m", low=0.1, source="common hub motors")
     """Distance between the two drive wheels."""
-    wheel_radius: float = setting(default=0.165, unit="m", low=0.02, source="common hub motors")
+    wheel_radius: float = setting(default=0.165, unit="m", low=0.02, high=1.0, source="hub motors")
     """Radius of the drive wheels."""
     counts_per_metre: float = setting(
         default=4346.0, unit="1/m", low=1.0, source="encoder of the prototype"

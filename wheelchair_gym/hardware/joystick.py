@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.errors import imports
 from wheelchair_gym.base.settings import InputError, setting, settings
 from wheelchair_gym.geometry.kinematics import Limits
 from wheelchair_gym.hardware.connection import Reconnecting
@@ -65,10 +66,8 @@ def load_evdev() -> Any:
     Raises:
         InputError: the extra 'hardware' is not installed.
     """
-    try:
+    with imports("a joystick needs", "hardware"):
         import evdev
-    except ImportError:
-        raise InputError("a joystick needs: pip install 'wheelchair_gym[hardware]'") from None
     return evdev
 
 

@@ -14,6 +14,7 @@ from wheelchair_gym.maps import FREE, OccupancyGrid
 from wheelchair_gym.perception.localized_chair import unwrapped
 from wheelchair_gym.perception.occupancy import read_scan
 from wheelchair_gym.safety import ShieldSettings
+from wheelchair_gym.safety.stops import BY_HAND
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.types import Chair, Command, Episode, Reading
 
@@ -81,7 +82,7 @@ def check_room(reading: Reading, sensors: SensorSettings) -> None:
 
 
 def excite(env: gym.Env[Any, Any]) -> DriveLog:
-    """Drive the program, which the shield may slow, and return the log.
+    """Drive the program, which the shield may slow, once nobody drives by hand; the log.
 
     Args:
         env: a `free_floor_env`, wrapped or not.
@@ -93,11 +94,14 @@ def excite(env: gym.Env[Any, Any]) -> DriveLog:
     chair, shield, settings = unwrapped(inner.chair), inner.shield, inner.settings
     floor = OccupancyGrid(np.full((200, 200), FREE, np.int8), 0.1, (-10.0, -10.0, 0.0))
     far = np.array([9.0, 9.0, 0.0])
-    env.reset(options={"episode": Episode(floor, np.zeros(3), far, time_limit=2.0 * DURATION)})
+    env.reset(options={"episode": Episode(floor, np.zeros(3), far, time_limit=1e6)})
+    terminated = False
+    while inner.task.reading.halted == BY_HAND and not terminated:  # until it is handed back
+        terminated = env.step(Command(np.zeros(2)).as_action(inner.task.limits))[2]
     reading: Reading = inner.task.reading
     check_room(reading, settings.sensors)
     wheels, stamps, scans = [chair.wheels], [chair.scan_stamps], [reading.laser]
-    due = 0.0
+    due = reading.stamp
     for v, w, seconds in PROGRAM:
         due += seconds
         action = Command(np.array([v, w])).as_action(inner.task.limits)

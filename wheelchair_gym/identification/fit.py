@@ -27,7 +27,7 @@ from wheelchair_gym.perception.occupancy import wall_ahead
 from wheelchair_gym.perception.slam import Slam, SlamSettings
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 from wheelchair_gym.sim.randomization import JointRandomization
-from wheelchair_gym.sim.settings import WHEEL_INERTIA, ChairSettings, MotorSettings
+from wheelchair_gym.sim.settings import WHEEL_INERTIA, BodySettings, ChairSettings, MotorSettings
 
 # Motion that a log has to show: its name, unit, and smallest amount.
 NEEDED: Final = {
@@ -206,7 +206,9 @@ def fit(
         _finding("dropout", "", dropout, chance, laser.dropout, math.inf),
     ]
     more_lasers, more = _fit_further(logs, values, chair.drive, sensors, rng)
-    resisting, motor, of_motors, notes = _fit_motors(logs, values, chair, drive, mass, rng)
+    body = chair.body if mass is None else dataclasses.replace(chair.body, mass=mass)
+    chair = dataclasses.replace(chair, body=body)
+    body, motor, of_motors, notes = _fit_motors(logs, values, chair, drive, mass, rng)
     odometry = dataclasses.replace(sensors.odometry, diameter_error=0.0, track_error=0.0)
     k = len(_JOINT)
     # Relative errors of the ratio and of the track, of which the joint row draws.
@@ -215,9 +217,8 @@ def fit(
         quantities=_JOINT, mean=(0.0,) * k,
         covariance=tuple(map(tuple, (scale @ covariance[:k, :k] @ scale).tolist())),
     )  # fmt: skip
-    body = chair.body if mass is None else dataclasses.replace(chair.body, mass=mass)
     return Fit(
-        dataclasses.replace(chair, drive=drive, body=resisting(body), motor=motor),
+        dataclasses.replace(chair, drive=drive, body=body, motor=motor),
         dataclasses.replace(sensors, laser=scanner, more_lasers=more_lasers, odometry=odometry),
         joint, tuple(findings + more + of_motors), notes, _weakest(covariance),
     )  # fmt: skip
@@ -298,7 +299,7 @@ def settings_of(found: Fit) -> dict[str, Any]:
     """
     return {
         "chair.json": dump(found.chair),
-        "sensors.json": dump(found.sensors),
+        "sensors.json": {k: v for k, v in dump(found.sensors).items() if k != "pose_source"},
         "ranges.json": dump(found.joint),
         "fit.json": {
             "findings": [one._asdict() for one in found.findings], "notes": list(found.notes),
@@ -339,11 +340,11 @@ def _kinematic_findings(
 def _fit_motors(
     logs: Sequence[tuple[str, DriveLog]], values: Array, chair: ChairSettings,
     drive: DriveGeometry, mass: float | None, rng: np.random.Generator,
-) -> tuple[Any, MotorSettings, list[Finding], tuple[str, ...]]:  # fmt: skip
-    """Return a function of a body that gives it its drag, the motors, findings, and notes."""
-    motor, radius, notes, parts = chair.motor, drive.wheel_radius, [], []
+) -> tuple[BodySettings, MotorSettings, list[Finding], tuple[str, ...]]:  # fmt: skip
+    """Return the body with its drag, the motors, findings, and notes."""
+    body, motor, radius, notes, parts = chair.body, chair.motor, drive.wheel_radius, [], []
     limit = motor.resistance * motor.current_limit
-    weight = chair.body.mass if mass is None else mass
+    total = body.mass + 2.0 * WHEEL_INERTIA / radius**2
     for name, log in logs:
         try:
             path = kinematics.wheel_path(log, values)
@@ -352,29 +353,26 @@ def _fit_motors(
             notes.append(f"{name}: motors not seen: {error}")
             continue
         parts.append((train.values[:3], train.covariance[:3, :3]))
-        share = 1.0 + 2.0 * WHEEL_INERTIA / (weight * radius**2)
-        slope, deviation, direction = drive_train.slope_of(train, share)
+        slope, deviation, direction = drive_train.slope_of(train, total / body.mass)
         if slope > max(_MIN_SLOPE, _CERTAIN * deviation):
             notes.append(
                 f"{name}: a constant pull as of a slope of {math.degrees(slope):.1f} deg, falling "
                 f"{math.degrees(direction):.0f} deg from the first heading: is the floor level?"
             )
-    friction = _unseen("friction", "", chair.body.friction)
+    friction = _unseen("friction", "", body.friction)
     if not parts:
         constant = _unseen("torque_constant", "V s/rad", motor.torque_constant)
         unseen = [_unseen("gain", "", motor.gain), constant, friction]
-        return lambda body: body, motor, unseen, tuple(notes)
+        return body, motor, unseen, tuple(notes)
     (push, damping, drag), covariance = _combined(parts)
     deviations = np.sqrt(np.diag(covariance))
-    total = weight + 2.0 * WHEEL_INERTIA / radius**2
     constant = 0.5 * damping / push * radius
     gain = push * total * motor.resistance * radius / constant
     ratio = deviations / np.array([push, damping, max(drag, 1e-3)])
     of_constant = constant * math.hypot(ratio[0], ratio[1])
-    body = chair.body
     share = body.centre_of_mass / body.wheelbase
     known = (body.rolling_resistance * (1.0 - share) + body.caster_drag * share) * GRAVITY
-    factor = float(np.clip(drag * total / weight / known, 0.0, 10.0)) if known else 1.0
+    factor = float(np.clip(drag * total / body.mass / known, 0.0, 10.0)) if known else 1.0
     seen, of_seen = push * radius / constant, 2.0 * ratio[0] + ratio[1]
     weighed = -1.0 if mass is None else _RELATIVE * gain
     more = [
@@ -382,18 +380,13 @@ def _fit_motors(
         _finding("torque_constant", "V s/rad", constant, of_constant, motor.torque_constant,
                  _RELATIVE * constant),
         _finding("gain", "", gain, gain * ratio[0], motor.gain, weighed),
-        _finding("drag", "m/s2", drag, deviations[2], known * weight / total, _RELATIVE * drag),
+        _finding("drag", "m/s2", drag, deviations[2], known * body.mass / total, _RELATIVE * drag),
         friction,
     ]  # fmt: skip
     fitted = dataclasses.replace(
         motor, torque_constant=float(constant), gain=float(gain),
         feed_constant=motor.believed_constant,
     )  # fmt: skip
-
-    def resisting(base: Any) -> Any:
-        return dataclasses.replace(
-            base, rolling_resistance=min(0.5, factor * base.rolling_resistance),
-            caster_drag=min(0.5, factor * base.caster_drag),
-        )  # fmt: skip
-
-    return resisting, fitted, more, tuple(notes)
+    rolling, casters = (min(0.5, factor * x) for x in (body.rolling_resistance, body.caster_drag))
+    body = dataclasses.replace(body, rolling_resistance=rolling, caster_drag=casters)
+    return body, fitted, more, tuple(notes)

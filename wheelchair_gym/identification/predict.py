@@ -7,6 +7,7 @@ drive, and its scans; no setting of the simulated chair enters it.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
@@ -33,7 +34,7 @@ from wheelchair_gym.types import Episode
 
 HORIZONS: Final = (1.0, 2.0, 5.0)  # s
 _EVERY = 0.5  # s between the starts of two windows
-_PERIOD = 0.02  # s between two commands of the simulation
+_MOTOR: Final = ("torque_constant", "gain", "resistance", "current_limit")  # no board sets them
 _BLIND: Final = SensorSettings(
     laser=LaserSettings(beams=0), ultrasonic=UltrasonicSettings(mounted=()),
     odometry=OdometrySettings(diameter_error=0.0, track_error=0.0, variance=0.0),
@@ -67,16 +68,11 @@ def plant_for(chair: ChairSettings, boards: ChairSettings) -> ChairSettings:
         "odometry.diameter_error": 2.0 * (ratio - 1.0) / (ratio + 1.0),
         "odometry.track_error": true.track / believed.track - 1.0,
     }
-    motor = dataclasses.replace(
-        boards.motor,
-        torque_constant=chair.motor.torque_constant,
-        gain=chair.motor.gain,
-        resistance=chair.motor.resistance,
-        current_limit=chair.motor.current_limit,
-        feed_constant=boards.motor.believed_constant,
-    )
+    motor = {name: getattr(chair.motor, name) for name in _MOTOR}
+    motor["feed_constant"] = boards.motor.believed_constant
     return dataclasses.replace(
-        boards, body=chair.body, battery=chair.battery, motor=motor, randomize=False,
+        boards, body=chair.body, battery=chair.battery, randomize=False,
+        motor=dataclasses.replace(boards.motor, **motor),
         randomization=exactly(errors), joint=JointRandomization(), command_delay=0.0,
     )  # fmt: skip
 
@@ -87,11 +83,13 @@ def simulate(log: DriveLog, chair: ChairSettings, boards: ChairSettings) -> tupl
     Returns:
         Its log, without scans, and its true poses (n, 3) at the reports.
     """
-    simulated = SimulatedChair(plant_for(chair, boards), _BLIND, PhysicsSettings(), _PERIOD)
+    period = 1.0 / boards.motor.control_rate  # of commands, too
+    physics = PhysicsSettings(step=period / math.ceil(period / PhysicsSettings().step - 1e-9))
+    simulated = SimulatedChair(plant_for(chair, boards), _BLIND, physics, period)
     nowhere: Any = None
     simulated.reset(Episode(nowhere, np.zeros(3), np.zeros(3)), 0)
-    times = np.arange(log.stamps[0], log.stamps[-1], _PERIOD)
-    at = np.searchsorted(log.commands[:, 0], times + 0.5 * _PERIOD) - 1
+    times = np.arange(log.stamps[0], log.stamps[-1], period)
+    at = np.searchsorted(log.commands[:, 0], times + 0.5 * period) - 1
     wheels, poses = [simulated.wheels], [simulated.truth.pose]
     for twist in np.where(at[:, None] < 0, 0.0, log.commands[at, 1:]):
         simulated.drive(twist)

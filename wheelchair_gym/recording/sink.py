@@ -15,6 +15,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
+from wheelchair_gym.base.errors import imports
 from wheelchair_gym.base.files import write_error
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.recording.read_bags import MAGIC
@@ -161,13 +162,11 @@ class Sink:
 
     def _open(self, file: str | Path | None, port: int | None) -> None:
         """Open the channels of Foxglove's messages, a file for them, and a server."""
-        try:
+        with imports("recording needs", "record"):
             import foxglove
             from foxglove.mcap import MCAPWriteOptions
 
             from wheelchair_gym.recording import messages
-        except ImportError:
-            raise InputError("recording needs: pip install 'wheelchair_gym[record]'") from None
         self._context = context = foxglove.Context()  # kept: channels end with it
         if file is not None:
             self._output = output = McapFile(file)

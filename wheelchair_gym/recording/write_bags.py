@@ -15,8 +15,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from wheelchair_gym.base.errors import imports
 from wheelchair_gym.base.files import write_error
-from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.hardware.ros import make_messages as ros
 from wheelchair_gym.recording.topics import BATTERY, COMMAND
 from wheelchair_gym.rendering.video import jpeg
@@ -80,10 +80,8 @@ class RosBag:
     """
 
     def __init__(self, file: str | Path) -> None:
-        try:
+        with imports("messages of ROS 2 need", "ros"):
             from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
-        except ImportError:
-            raise InputError(ros.EXTRA) from None
 
         first = Path(file)
         first = first.with_suffix("") if first.suffix == ".mcap" else first

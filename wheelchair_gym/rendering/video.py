@@ -16,14 +16,13 @@ import cv2
 import numpy as np
 from PIL import Image as Pillow
 
+from wheelchair_gym.base.errors import imports
 from wheelchair_gym.base.files import atomic_write
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.rendering.canvas import Image
 
-_NO_PYGAME = 'render_mode "human" needs pygame-ce: pip install "wheelchair_gym[view]"'
 _DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER")
 _MARGIN = (33, 37, 41)  # RGB around a picture that does not fill the window
-_NO_MOVIEPY = 'video files need moviepy: pip install "wheelchair_gym[view]" (or ask for a .gif)'
 
 
 def write_png(path: str | Path, image: Image) -> None:
@@ -76,10 +75,8 @@ def write_video(path: str | Path, frames: Iterable[Image], rate: float) -> None:
 
 
 def _write_mp4(path: Path, frames: Iterable[Image], rate: float, shape: tuple[int, ...]) -> None:
-    try:
+    with imports("video files need moviepy (or ask for a .gif)", "view"):
         write_frames = import_module("imageio_ffmpeg").write_frames
-    except ImportError:
-        raise InputError(_NO_MOVIEPY) from None
     height, width = shape[0] // 2 * 2, shape[1] // 2 * 2  # 4:2:0 colour asks for even sides
     with atomic_write(path) as part:
         writer: Any = write_frames(
@@ -126,10 +123,8 @@ class Window:
     """
 
     def __init__(self, title: str = "wheelchair_gym", rate: float | None = None) -> None:
-        try:
+        with imports('render_mode "human" needs pygame-ce', "view"):
             import pygame
-        except ImportError:
-            raise InputError(_NO_PYGAME) from None
         if sys.platform == "linux" and not any(os.environ.get(name) for name in _DISPLAYS):
             # pygame would draw to a display that nobody sees.
             expected = f"none of {', '.join(_DISPLAYS)} is set"

@@ -56,7 +56,7 @@ EDGE = math.radians(15.0)  # of a scanner's view: half a body at 2 m
 CLOSE = 64  # points inside the stop zone
 HITS = 48  # hits of single beams
 RATES: Final = (4.0, 100.0)  # Hz: of control
-_SPARE = 1.2  # the chair must exceed its limits by this factor to follow its set point
+SPARE = 1.2  # the chair must exceed its limits by this factor to follow its set point
 _ROUND = 1e-6
 _ARM = 1.0  # m: from a scanner to the farthest points that the outline may touch
 REST_SPEED = 0.02  # m/s, rad/s: slower is at rest
@@ -154,7 +154,7 @@ def check(chair: ChairSettings, period: float) -> None:
         ("brake in a curve with", math.hypot(brakes, limits.forward * limits.turn), chair.grip),
         ("turn with", limits.turn_acceleration, chair.turn_braking),
     ):
-        asked *= _SPARE
+        asked *= SPARE
         if asked > held:
             raise InputError(
                 f"chair.limits ask to {what} {asked:.2f}, with a fifth to spare; by its mass, "

@@ -18,7 +18,7 @@ from wheelchair_gym.envs import EnvSettings
 from wheelchair_gym.scenes import make_scene
 
 QUICK = ["--beams", "16,32", "--envs", "1,3", "--threads", "1,2", "--bank", "2"]
-QUICK += ["--seconds", "0.1", "--no-startup", "--no-peers"]
+QUICK += ["--seconds", "0.1", "--no-peers"]
 
 
 def test_each_size_is_measured_and_written(tmp_path, capsys):

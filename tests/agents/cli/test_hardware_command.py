@@ -21,6 +21,7 @@ from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.hardware import joystick
 from wheelchair_gym.hardware.boards.senses import BoardSensors
 from wheelchair_gym.hardware.chair import HardwareChair
+from wheelchair_gym.safety.stops import BY_HAND
 from wheelchair_gym.sim.chair import SimulatedChair
 from wheelchair_gym.sim.randomization import exactly
 
@@ -89,7 +90,12 @@ def test_monitor_asks_before_it_resets_a_board(tmp_path, monkeypatch, capsys):
 
 
 class Driven(SimulatedChair):
-    """A simulated chair in the place of a real one, whose wheels and laser are other ones."""
+    """A simulated chair in the place of a real one, whose wheels and laser are other ones.
+
+    At first a person drives it by its joystick, also for longer than the program takes.
+    """
+
+    by_hand = 300.0  # s
 
     def __init__(self, settings, episode):
         errors = {"odometry.scale_error": 0.008, "odometry.track_error": 0.02,
@@ -100,7 +106,11 @@ class Driven(SimulatedChair):
         self.room = episode
 
     def reset(self, episode, key):
-        return super().reset(self.room, 5)
+        return super().reset(self.room, 5)._replace(halted=BY_HAND)
+
+    def drive(self, twist, protective=False):
+        reading = super().drive(twist, protective)
+        return reading._replace(halted=BY_HAND) if reading.stamp < self.by_hand else reading
 
 
 def test_calibration_drives_fits_and_writes(tmp_path, monkeypatch, capsys):
@@ -119,6 +129,7 @@ def test_calibration_drives_fits_and_writes(tmp_path, monkeypatch, capsys):
     assert re.search("OFF +track", said)
     assert "not written" in said
     assert config.read_text() == "{}"
+    monkeypatch.setattr(Driven, "by_hand", 1.0)
     record = str(tmp_path / "drive.mcap")
     assert main([*words, "--write", "--record", record]) == 0
     found = env_settings(str(config))

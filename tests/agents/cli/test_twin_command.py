@@ -16,9 +16,11 @@ from tests.hardware.served import hear_interrupts
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.hardware.boards.protocol import Switch
 from wheelchair_gym.hardware.twin.lockstep import Faults, JoystickState, Twin
-from wheelchair_gym.hardware.twin.plant import Slope
+from wheelchair_gym.hardware.twin.plant import PlantSettings, Slope
 from wheelchair_gym.hardware.twin.serve import COMMANDS, ServedTwin, run_command
 from wheelchair_gym.maps import read_map
+from wheelchair_gym.sensors.settings import SensorSettings
+from wheelchair_gym.sim.settings import ChairSettings, PhysicsSettings
 
 SAID = {
     "press stop": lambda served: served.twin.faults.switches == Switch.STOP_PRESSED,
@@ -92,6 +94,11 @@ def test_policies_are_compared_on_a_twin_whose_plant_differs(tmp_path, capsys):
     assert main([*words, "--chair", "twin", "--plant", str(plant)]) == 0
     assert "straight" in capsys.readouterr().out
     assert "--plant needs --chair twin" in refusal([*words, "--plant", str(plant)], capsys)
+    plant.write_text('{"sensors": {"laser": {"of": 0.05}}}')
+    message = f"{plant}.sensors.laser.of is not a setting"
+    assert message in refusal([*words, "--chair", "twin", "--plant", str(plant)], capsys)
+    believed = PlantSettings(ChairSettings(), SensorSettings(), PhysicsSettings())
+    assert PlantSettings.read({}, believed).sensors.odometry.track_error == 0.0
     message = "chair twin: it has no pose source 'truth'"
     assert message in refusal([*words[:-4], "--pose", "truth", "--chair", "twin"], capsys)
 
@@ -101,14 +108,8 @@ def test_it_serves_until_it_is_told_to_end(tmp_path, request):
     need_pty()
     picture = tmp_path / "end.png"
     command = [sys.executable, "-m", "wheelchair_gym", "twin", "--start", "2,2,0.5"]
-    command += [
-        "--map",
-        "wheelchair_gym/maps/data/clinic.yaml",
-        "--config",
-        str(ROOT / "configs/hardware.json"),
-        "--picture",
-        str(picture),
-    ]
+    command += ["--map", "wheelchair_gym/maps/data/clinic.yaml", "--picture", str(picture)]
+    command += ["--config", str(ROOT / "configs/hardware.json")]
     told = tmp_path / "told.yaml"
     command += ["--write-map", str(told)]
     hear_interrupts()

@@ -106,6 +106,7 @@ def test_a_policy_that_was_recorded_gives_the_data_that_it_saw(tmp_path, form):
         assert np.isnan(episode.infos["stick"]).all()
         (about,) = data.storage.get_episode_metadata([episode.id])
         assert (about["driver"], about["success"]) == ("policy", success)
+        assert about["split"] == "train"
     env = data.recover_environment()
     assert set(env.observation_space) == set(data[0].observations)
 
@@ -120,6 +121,17 @@ def test_a_person_that_was_recorded_gives_stick_and_goal(tmp_path):
         assert np.array_equal(episode.infos["stick"], np.array(sticks, float)[:-1])
     (about,) = data.storage.get_episode_metadata([0])
     assert (about["driver"], about["interface"]) == ("simulated person", "stick")
+
+
+def test_a_drive_that_was_ended_early_is_truncated_and_test_worlds_are_counted(tmp_path, capsys):
+    env = RecordEpisodes(NavigationEnv("empty", split="test"), tmp_path / "a.mcap")
+    env.reset(seed=0)
+    for _ in range(3):
+        env.step(np.zeros(2))
+    env.close()
+    assert main(["dataset", MINE, "--recordings", str(tmp_path), "--out", str(tmp_path)]) == 0
+    assert "1 in test worlds (judge on other seeds)" in capsys.readouterr().out
+    assert minari.load_dataset(MINE)[0].truncations.tolist() == [False, False, True]
 
 
 def test_bc_learns_from_recorded_drives(tmp_path, monkeypatch, capsys):

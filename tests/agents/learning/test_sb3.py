@@ -100,7 +100,7 @@ def test_options_are_those_of_the_vector_environment():
 
 
 def test_chairs_that_begin_in_the_step_after_are_refused():
-    with pytest.raises(ValueError, match="autoreset_mode is NextStep; expected SameStep"):
+    with pytest.raises(ValueError, match="autoreset_mode is NextStep; expected a vector"):
         SB3VecEnv(NavigationVectorEnv(2, **SETTINGS))
 
 

@@ -9,7 +9,7 @@ import stat
 from pathlib import Path
 from typing import Any, Protocol
 
-from wheelchair_gym.base.settings import InputError
+from wheelchair_gym.base.errors import imports
 from wheelchair_gym.hardware.boards.protocol import BAUD
 
 _BY_ID = "/dev/serial/by-id"  # names that do not depend on the order of plugging in
@@ -46,12 +46,8 @@ def load_serial() -> Any:
     Raises:
         InputError: the extra 'hardware' is not installed.
     """
-    try:
+    with imports("boards at serial ports need", "hardware"):
         import serial
-    except ImportError:
-        raise InputError(
-            "boards at serial ports need: pip install 'wheelchair_gym[hardware]'"
-        ) from None
     return serial
 
 

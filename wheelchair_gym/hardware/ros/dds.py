@@ -18,6 +18,7 @@ from collections.abc import Callable, Mapping
 from functools import cache
 from typing import Any, Final, NamedTuple
 
+from wheelchair_gym.base.errors import imports
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.hardware.ros.make_messages import deserialized, serialized, typestore
 from wheelchair_gym.hardware.ros.rosbridge import Service, is_local
@@ -126,12 +127,10 @@ class DdsLink:
         on_leave: Callable[[object], object] = lambda publisher: None,
         namespace: str = "",
     ) -> None:
-        try:
+        with imports("topics over DDS need", "dds"):
             import rosbags  # noqa: F401
             from cyclonedds.core import DDSException, WaitSet
             from cyclonedds.domain import Domain, DomainParticipant
-        except ImportError:
-            raise InputError("topics over DDS need: pip install 'wheelchair_gym[dds]'") from None
 
         self.url, self.lost = f"dds://{host}/{domain}", ""
         try:

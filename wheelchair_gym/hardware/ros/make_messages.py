@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wheelchair_gym.base.arrays import Array
-from wheelchair_gym.base.errors import InputError, shorten
+from wheelchair_gym.base.errors import InputError, imports, shorten
 from wheelchair_gym.geometry.planar import map_to_odom
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.sensors.settings import LaserSettings, UltrasonicSettings
@@ -27,7 +27,6 @@ from wheelchair_gym.sensors.settings import LaserSettings, UltrasonicSettings
 Message = dict[str, Any]
 NANO: Final = 1_000_000_000
 _UNMEASURED = 1e6  # variance of what is not measured, as drivers of planar robots have it
-EXTRA: Final = "messages of ROS 2 need: pip install 'wheelchair_gym[ros]'"
 INFO, WARNING = 20, 30  # levels of rcl_interfaces/Log
 
 
@@ -318,10 +317,8 @@ def typestore() -> Any:
     Raises:
         InputError: the extra 'ros' is not installed.
     """
-    try:
+    with imports("messages of ROS 2 need", "ros"):
         from rosbags.typesys import Stores, get_typestore
-    except ImportError:
-        raise InputError(EXTRA) from None
     return get_typestore(Stores.ROS2_JAZZY)
 
 

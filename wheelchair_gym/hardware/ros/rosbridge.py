@@ -33,7 +33,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.base.errors import shorten
+from wheelchair_gym.base.errors import imports, shorten
 from wheelchair_gym.base.files import read_text
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.hardware.ros.settings import RosbridgeSettings
@@ -52,10 +52,8 @@ def load_websockets() -> None:
     Raises:
         InputError: the extra 'ros' is not installed.
     """
-    try:
+    with imports("a chair under ROS needs", "ros"):
         import websockets.sync.client  # noqa: F401
-    except ImportError:
-        raise InputError("a chair under ROS needs: pip install 'wheelchair_gym[ros]'") from None
 
 
 def is_local(host: str) -> bool:

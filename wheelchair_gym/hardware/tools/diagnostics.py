@@ -210,12 +210,12 @@ class Diagnostics:
     def _drive(self) -> Iterator[Finding]:
         state, empty = self.senses.odometry, self.wanted["drive"]["under_voltage"]
         faults, switches = Fault(state.faults), Switch(state.switches)
-        serious = faults & ~(Fault.RESET | Fault.LINK | Fault.STORE)
+        serious = faults & ~(Fault.RESET | Fault.LINK | Fault.STORE | Fault.EMERGENCY_STOP)
         voltage = f"{state.battery:.1f} V, empty at {empty:g}"
         mode = f"{Mode(state.mode).name}, faults {flag_names(faults)}"
         charged, advice = state.battery > empty, "what is named, or its broken wire"
         yield Finding("battery", "voltage", voltage, charged, "charge it; divider of A0")
-        yield Finding("drive board", "state", mode, not serious, "see 'How it stops' in the README")
+        yield Finding("drive board", "state", mode, not serious, "hardware/README.md: How it stops")
         yield Finding("switches", "pressed", flag_names(switches), not switches, advice)
 
     def _rangers(self) -> Iterator[Finding]:

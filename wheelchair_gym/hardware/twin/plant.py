@@ -26,6 +26,7 @@ from wheelchair_gym.sensors.settings import OdometrySettings, SensorSettings
 from wheelchair_gym.sensors.ultrasonic import sense_ultrasonic
 from wheelchair_gym.sim.chair import SimulatedChair
 from wheelchair_gym.sim.drive_train import DriveConstants, drive_constants, physics_step, pull_body
+from wheelchair_gym.sim.randomization import JointRandomization
 from wheelchair_gym.sim.settings import ChairSettings, PhysicsSettings
 from wheelchair_gym.sim.state import ranger_of, scanner_of
 from wheelchair_gym.sim.step import chair_row, prepare_step, read_true_state, workspace_of
@@ -202,8 +203,10 @@ class PlantSettings(NamedTuple):
     physics: PhysicsSettings
 
     @classmethod
-    def read(cls, file: Any, believed: PlantSettings) -> PlantSettings:
+    def read(cls, file: Any, believed: Any) -> PlantSettings:
         """Read sections chair, sensors and physics, or a JSON file of them, over believed settings.
+
+        Nothing is drawn, such as errors of the wheels, unless the file says so.
 
         Raises:
             InputError: the file cannot be read, or sets something that the chair's computer or
@@ -214,6 +217,12 @@ class PlantSettings(NamedTuple):
         if not isinstance(content, dict) or (unknown := set(content) - set(cls._fields)):
             given = "no object" if not isinstance(content, dict) else f"the key {min(unknown)}"
             raise InputError(f"{file} has {given}; expected chair, sensors or physics")
+        exact = dataclasses.replace(believed.sensors.odometry, diameter_error=0.0, track_error=0.0)
+        sensors = dataclasses.replace(believed.sensors, odometry=exact)
+        chair = dataclasses.replace(
+            believed.chair, randomize=False, randomization=(), joint=JointRandomization()
+        )
+        believed = cls(chair, sensors, believed.physics)
         parts: Any = [
             load(type(base), content.get(name, {}), f"{file}.{name}", base)
             for name, base in believed._asdict().items()
