@@ -14,7 +14,7 @@ from PIL import Image
 
 from agents.cli import COMMANDS, main, parser, train
 from agents.cli.arguments import changed, spec
-from agents.cli.compare import comparison_name
+from agents.cli.compare import comparison_name, scenes_of
 from agents.control import FOLLOWERS
 from agents.evaluation.compare import SUITES
 from agents.evaluation.provenance import command_line
@@ -88,6 +88,11 @@ def test_wrong_words_are_named_in_one_line(words, says, tmp_path, monkeypatch, c
     line = refusal(words.split(), capsys)
     assert says in line
     assert len(line) < 500 or "did you mean" not in line
+
+
+def test_a_scene_of_a_suite_goes_by_its_label():
+    (scene,) = scenes_of(["dock"], SUITES["skills"].scenes)
+    assert scene["course"] == "dock"
 
 
 def test_a_planner_that_finds_nothing_says_why(hall, capsys):
