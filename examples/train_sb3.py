@@ -26,7 +26,7 @@ SCENES = {
         "config": {"starts_within": 8.0},  # s from the goal, by that path
     },
 }
-# A policy is improved after each 2,048 frames, or after each 32 by four batches of old ones.
+# PPO improves after 2,048 frames, the others after 32 by four old batches (SAC stands still).
 ALGORITHMS = {
     "PPO": (PPO, {"n_steps": 64, "n_epochs": 4, "learning_rate": 1e-3}),
     "SAC": (SAC, {"gradient_steps": 4}),
