@@ -95,9 +95,9 @@ def excite(env: gym.Env[Any, Any]) -> DriveLog:
     floor = OccupancyGrid(np.full((200, 200), FREE, np.int8), 0.1, (-10.0, -10.0, 0.0))
     far = np.array([9.0, 9.0, 0.0])
     env.reset(options={"episode": Episode(floor, np.zeros(3), far, time_limit=1e6)})
-    terminated = False
-    while inner.task.reading.halted == BY_HAND and not terminated:  # until it is handed back
-        terminated = env.step(Command(np.zeros(2)).as_action(inner.task.limits))[2]
+    while inner.task.reading.halted == BY_HAND:  # until the person hands the chair back
+        if env.step(Command(np.zeros(2)).as_action(inner.task.limits))[2]:
+            raise ValueError("a bumper was pressed before the drive began")
     reading: Reading = inner.task.reading
     check_room(reading, settings.sensors)
     wheels, stamps, scans = [chair.wheels], [chair.scan_stamps], [reading.laser]

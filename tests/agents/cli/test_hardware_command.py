@@ -90,12 +90,9 @@ def test_monitor_asks_before_it_resets_a_board(tmp_path, monkeypatch, capsys):
 
 
 class Driven(SimulatedChair):
-    """A simulated chair in the place of a real one, whose wheels and laser are other ones.
+    """A simulated chair with other wheels and laser, which a person drives by hand at first."""
 
-    At first a person drives it by its joystick, also for longer than the program takes.
-    """
-
-    by_hand = 300.0  # s
+    by_hand, bumped = 300.0, False  # s
 
     def __init__(self, settings, episode):
         errors = {"odometry.scale_error": 0.008, "odometry.track_error": 0.02,
@@ -110,7 +107,8 @@ class Driven(SimulatedChair):
 
     def drive(self, twist, protective=False):
         reading = super().drive(twist, protective)
-        return reading._replace(halted=BY_HAND) if reading.stamp < self.by_hand else reading
+        halted = BY_HAND if reading.stamp < self.by_hand else ""
+        return reading._replace(halted=halted, bumped=self.bumped)
 
 
 def test_calibration_drives_fits_and_writes(tmp_path, monkeypatch, capsys):
@@ -129,7 +127,11 @@ def test_calibration_drives_fits_and_writes(tmp_path, monkeypatch, capsys):
     assert re.search("OFF +track", said)
     assert "not written" in said
     assert config.read_text() == "{}"
+    monkeypatch.setattr(Driven, "bumped", True)
+    assert main(words) == 1
+    assert "a bumper was pressed before the drive began" in capsys.readouterr().err
     monkeypatch.setattr(Driven, "by_hand", 1.0)
+    monkeypatch.setattr(Driven, "bumped", False)
     record = str(tmp_path / "drive.mcap")
     assert main([*words, "--write", "--record", record]) == 0
     found = env_settings(str(config))

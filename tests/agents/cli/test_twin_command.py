@@ -13,14 +13,12 @@ from agents.cli import main
 from tests.conftest import ROOT, need_pty, refusal
 from tests.hardware.conftest import build_twin
 from tests.hardware.served import hear_interrupts
-from wheelchair_gym.envs import NavigationEnv
+from wheelchair_gym.envs import EnvSettings, NavigationEnv
 from wheelchair_gym.hardware.boards.protocol import Switch
 from wheelchair_gym.hardware.twin.lockstep import Faults, JoystickState, Twin
 from wheelchair_gym.hardware.twin.plant import PlantSettings, Slope
 from wheelchair_gym.hardware.twin.serve import COMMANDS, ServedTwin, run_command
 from wheelchair_gym.maps import read_map
-from wheelchair_gym.sensors.settings import SensorSettings
-from wheelchair_gym.sim.settings import ChairSettings, PhysicsSettings
 
 SAID = {
     "press stop": lambda served: served.twin.faults.switches == Switch.STOP_PRESSED,
@@ -97,8 +95,7 @@ def test_policies_are_compared_on_a_twin_whose_plant_differs(tmp_path, capsys):
     plant.write_text('{"sensors": {"laser": {"of": 0.05}}}')
     message = f"{plant}.sensors.laser.of is not a setting"
     assert message in refusal([*words, "--chair", "twin", "--plant", str(plant)], capsys)
-    believed = PlantSettings(ChairSettings(), SensorSettings(), PhysicsSettings())
-    assert PlantSettings.read({}, believed).sensors.odometry.track_error == 0.0
+    assert PlantSettings.read({}, EnvSettings()).sensors.odometry.track_error == 0.0
     message = "chair twin: it has no pose source 'truth'"
     assert message in refusal([*words[:-4], "--pose", "truth", "--chair", "twin"], capsys)
 

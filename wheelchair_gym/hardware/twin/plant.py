@@ -206,7 +206,7 @@ class PlantSettings(NamedTuple):
     def read(cls, file: Any, believed: Any) -> PlantSettings:
         """Read sections chair, sensors and physics, or a JSON file of them, over believed settings.
 
-        Nothing is drawn, such as errors of the wheels, unless the file says so.
+        Beside noise, nothing is drawn, such as errors of wheels, unless the file says so.
 
         Raises:
             InputError: the file cannot be read, or sets something that the chair's computer or
