@@ -11,15 +11,20 @@ that commands it like every other policy.
 from __future__ import annotations
 
 import math
+import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
+from functools import cache, partial
+from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.hardware.ros import make_messages as ros
 from wheelchair_gym.hardware.ros.messages import seconds
+from wheelchair_gym.hardware.ros.rosbridge import RosbridgeServer
 from wheelchair_gym.sensors.odometry import OdometryCovariance
 from wheelchair_gym.types import Belief, Command, Mission, Reading
 
@@ -80,6 +85,15 @@ class Robot:
         self._silent, self._stopped = math.inf, True
         self._elapsed = 1.0  # s of simulated time: for tf2, a stamp of 0 means the newest
         self._wrong: set[str] = set()
+
+    def server(
+        self, host: str, port: int, token: str = "", certificate: str | Path | None = None
+    ) -> RosbridgeServer:
+        """Serve this robot by rosbridge; see `RosbridgeServer`."""
+        link = RosbridgeServer(host, port, self.command, self.left, token, certificate)
+        link.listens[self.names.of(COMMAND)] = COMMAND_TYPES
+        link.serve("/rosapi/get_time", "rosapi_msgs/srv/GetTime", self.get_time)
+        return link
 
     def connect(self, link: Any, mission: Mission, end: Callable[[], bool]) -> None:
         """Announce all topics of a chair with the mission's sensors.
@@ -246,3 +260,43 @@ class Robot:
         periods = max(1.0, interval / self._mission.period)
         passed = [int(count / periods + 1e-9) for count in (self._published - 1, self._published)]
         return self._published == 0 or passed[0] < passed[1]
+
+
+@settings
+class RosClient:
+    """A program that knows ROS drives by /cmd_vel, in real time; each drive waits for it."""
+
+    port: int = setting(default=9090, low=0, high=65535)
+    """Of a rosbridge server on this machine, to which the program connects; 0: a free one."""
+    speed: float = setting(default=0.0, low=0.0, high=100.0)
+    """Simulated time, times real time, published on /clock; 0: real time, and no /clock."""
+
+    def make(self) -> ClientDriver:
+        """The policy, whose program stays connected from drive to drive of this process."""
+        return _driver(self.port, self.speed)
+
+
+class ClientDriver(Robot):
+    """A robot that has its readings alone: its odometry is the pose that it reads.
+
+    Raises:
+        InputError: the extra 'ros' is not installed, or the port is taken.
+    """
+
+    def __init__(self, port: int, speed: float) -> None:
+        super().__init__(RobotSettings(speed=speed), partial(print, file=sys.stderr), waits=True)
+        self.link = self.server("127.0.0.1", port)
+        self._log(f"rosbridge {self.link.url}: the chair waits for commands")
+
+    def reset(self, mission: Mission) -> None:
+        """See `Policy.reset`."""
+        self.connect(self.link, mission, lambda: False)
+        super().reset(mission)
+
+    def act(self, reading: Reading) -> Command:
+        """See `Policy.act`."""
+        self._odometry = reading.pose
+        return super().act(reading)
+
+
+_driver = cache(ClientDriver)

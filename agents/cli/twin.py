@@ -169,11 +169,7 @@ def _link(given: argparse.Namespace, driver: Any) -> Any:
         link.subscribe(command, COMMAND_TYPES[given.stamped])
     else:
         token = "" if given.token_file is None else rosbridge.read_token(given.token_file)
-        link = rosbridge.RosbridgeServer(
-            given.host, given.port, driver.command, driver.left, token, given.tls
-        )
-        link.listens[command] = COMMAND_TYPES
-        link.serve("/rosapi/get_time", "rosapi_msgs/srv/GetTime", driver.get_time)
+        link = driver.server(given.host, given.port, token, given.tls)
     for name in SERVICES if given.episodes is None else ():
         link.serve(driver.names.of(name), "std_srvs/srv/Trigger", partial(driver.ask, name))
     return link

@@ -31,6 +31,7 @@ POLICIES: Final = Registry(
         "manual": "agents.policies.scripted:Manual",
         "planned": "agents.policies.planned:Planned",
         "random": "agents.policies.scripted:RandomPolicy",
+        "ros": "agents.robot:RosClient",
         "sb3": "agents.policies.sb3:Sb3Model",
         "straight": "agents.policies.scripted:StraightPolicy",
     },

@@ -5,6 +5,9 @@ from __future__ import annotations
 import gc
 import json
 import os
+import socket
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -13,11 +16,18 @@ from agents.benchmarks import tracks
 from agents.cli import main
 from agents.evaluation.evaluate import drive_episode, make_env
 from agents.policies import make_policy
-from tests.conftest import long_but, output_of, refusal
+from tests.conftest import ROOT, long_but, output_of, refusal
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.types import Command
 
 NAME = f"{__name__}:"
+COMES_LATER = """import runpy, sys, time
+while True:
+    try:
+        runpy.run_path(sys.argv[2])
+    except Exception:  # nobody serves yet
+        time.sleep(0.2)
+"""
 TINY = {"scenes": [{"name": "empty", "label": "empty"}], "episodes": 2, "env": {"beams": 16}}
 
 
@@ -111,6 +121,23 @@ def test_results_are_verified_and_changed_ones_are_found(tmp_path, capsys):
     assert main(verify) == 1
     assert "does not agree" in capsys.readouterr().out
     assert "'tinny' is unknown" in refusal([*words[:4], "tinny"], capsys)
+
+
+def test_a_program_that_knows_ros_alone_can_enter(tmp_path):
+    """Its drives are in real time, so that `verify` compares outcomes."""
+    pytest.importorskip("websockets", reason="pip install 'wheelchair_gym[ros]'")
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    words = ["-c", COMES_LATER, f"ws://127.0.0.1:{port}", ROOT / "examples/ros_pure_pursuit.py"]
+    with subprocess.Popen([sys.executable, *words]) as client:
+        spec = {"name": "ros", "port": port, "speed": 3.0}
+        result, path = tracks.run(spec, "tiny", tmp_path, progress=False)
+        agrees, text = tracks.verify(path, 1, progress=False)
+        client.kill()
+    assert result["success"] == 1.0
+    assert result["spec"] == spec
+    assert agrees
+    assert "in real time" in text
 
 
 def test_figures_of_a_policy_that_reads_the_truth_do_not_agree(tmp_path, capsys):
