@@ -136,7 +136,7 @@ class WhaleMoves:
 class WhaleSettings(WhaleMoves):
     """Size and duration of a whale swarm, and its moves."""
 
-    population: int = setting(default=10, low=1, source="thesis, figure 3.1")
+    population: int = setting(default=10, low=1, high=100_000, source="thesis, figure 3.1")
     """Number of whales."""
     iterations: int = setting(default=10, low=0, source="thesis, figure 3.1")
     """Moves of the swarm."""

@@ -65,7 +65,7 @@ class SwarmPlanner(ShiftBounds, PlannerBase):
     """Straight pieces of each leg; null for 1 of a polyline and 20 of a curve."""
     way_points: int = setting(default=0, low=0)
     """Minimum number of way points; a first path may have more."""
-    population: int = setting(default=30, low=MIN_POPULATION, source="as rrt_star_woa_global")
+    population: int = setting(default=30, low=MIN_POPULATION, high=100_000, source="RRT*-WOA")
     """Number of paths."""
     iterations: int = setting(default=100, low=0, source="as rrt_star_woa_global")
     """Largest number of moves."""
@@ -212,7 +212,7 @@ class RrtWoa(PlannerBase):
     """The tree search."""
     whales: WoaModified = setting(default=WoaModified(), source=_P1 + " (17)-(19)")
     """The whales."""
-    population: int = setting(default=30, low=MIN_POPULATION, source="as swarm; not given in P1")
+    population: int = setting(default=30, low=MIN_POPULATION, high=100_000, source="as swarm")
     """Number of whales."""
     iterations: int = setting(default=20, low=0, source=_P1)
     """Moves of the swarm."""

@@ -193,6 +193,7 @@ def test_a_frame_of_another_version_is_refused(firmware):
     [
         (protocol.Command(math.nan, 0.0), "Command.v is nan; expected a finite number"),
         (protocol.Command(0.0, math.inf), "Command.w is inf; expected a finite number"),
+        (protocol.Set(0, 1e39), r"Set.value is 1e\+39; it must be at most 3.4e\+38"),
         (protocol.Command(5.0, 0.0), "Command.v is 5.0; it must be -3.2768 to 3.2767"),
         (
             protocol.Ranges(0.0, 0, 10 * (protocol.Range(-1.0, 0.0, 0),)),

@@ -277,10 +277,13 @@ Message = tuple[Any, ...]  # one of these
 _BY_KIND = {layout.kind: layout for layout in LAYOUTS}
 _BY_TYPE = {layout.message: layout for layout in LAYOUTS}
 _RANGE_STEPS = (1e-3, 1e-3, 1.0)
+_FLOAT_MAX = 3.4028234663852886e38  # of a float of 32 bits
 
 
 def _to_wire(value: float, step: float, code: str, where: str) -> float:
     if code == "f":
+        if math.isfinite(value) and abs(value) > _FLOAT_MAX:
+            raise ValueError(f"{where} is {value}; it must be at most {_FLOAT_MAX:.3g}")
         return float(value)
     if not math.isfinite(value):
         raise ValueError(f"{where} is {value}; expected a finite number")
