@@ -177,12 +177,16 @@ def run_track(given: argparse.Namespace) -> int:
 
     result, path = run(
         arguments.labelled(given.policy), given.track, Path(given.out), given.development,
-        given.jobs or cores(), not given.quiet,
+        given.jobs or cores(), not given.quiet, given.episodes,
     )  # fmt: skip
+    scenes: dict[str, list[bool]] = {}
+    for one in result["episodes"]:
+        scenes.setdefault(one["scene"], []).append(one["success"])
+    lines = "".join(f"{scene}: {sum(of)} of {len(of)}\n" for scene, of in scenes.items())
     contacts = f"{result['contacts']} contacts, {result['at_fault']} at fault"
     text = (
         f"{result['policy']} on {given.track}: {result['success']:.1%} of {result['n']} arrive "
-        f"({result['low']:.1%} to {result['high']:.1%}), {contacts}\n{path}"
+        f"({result['low']:.1%} to {result['high']:.1%}), {contacts}\n{lines}{path}"
     )
     arguments.report(given, result, text)
     return 0

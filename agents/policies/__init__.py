@@ -16,7 +16,7 @@ from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.errors import shorten
 from wheelchair_gym.base.registry import Registry, imported, is_place
 from wheelchair_gym.base.settings import InputError, dump, load, suggest
-from wheelchair_gym.types import Command, Mission, Reading
+from wheelchair_gym.types import Command, Mission, Reading, Shown
 
 DRIVING: Final[dict[str, dict[str, Any]]] = read_data("driving.yaml")  # settings of planners
 
@@ -93,13 +93,24 @@ class GymPolicy:
             error.add_note(f"policy {type(self.policy).__name__}: its act failed {when}")
             raise
         self._steps += 1
-        if not isinstance(command, Command) or np.shape(command.twist) != (2,):
-            raise InputError(
-                f"{type(self.policy).__name__}.act gave {shorten(command)}; expected a Command "
-                "with a twist of two numbers [m/s, rad/s]"
-            )
-        self._env.show(command.shown)
+        self._env.show(checked(command, self.policy).shown)
         return command.as_action(self._limits)
+
+
+def checked(command: Any, policy: Policy) -> Command:
+    """A policy's answer, if it is a command.
+
+    Raises:
+        InputError: it is something else.
+    """
+    shown = isinstance(command, Command) and isinstance(command.shown, Shown)
+    if not shown or np.shape(command.twist) != (2,):
+        raise InputError(
+            f"{type(policy).__name__}.act gave {shorten(command)}; expected a Command with a twist "
+            "of two numbers [m/s, rad/s]"
+        )
+    answer: Command = command
+    return answer
 
 
 def make_policy(spec: str | Mapping[str, Any] | Any) -> Policy:

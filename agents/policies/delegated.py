@@ -7,6 +7,7 @@ import itertools
 import json
 import multiprocessing
 import pickle
+import signal
 import traceback
 import weakref
 from contextlib import suppress
@@ -17,9 +18,9 @@ import numpy as np
 
 from agents.people import make_assistant
 from agents.people.assistant import AssistMission
-from agents.policies import make_policy, settings_of
+from agents.policies import checked, make_policy, settings_of
 from wheelchair_gym.base.settings import InputError, setting, settings
-from wheelchair_gym.types import Command, Mission, Reading
+from wheelchair_gym.types import Command, Mission, Reading, Shown
 
 
 @settings
@@ -79,8 +80,9 @@ class Isolated:
 class IsolatedDriver:
     """Sends missions and readings to a policy's process, and returns its commands.
 
-    The key of a mission is another number than the environment's. Policies of equal settings share
-    a process, which makes a fresh one for each episode. A copy is made there, too.
+    The process answers in numbers and texts, so that nothing of the policy runs in this one. The
+    key of a mission is another number than the environment's. Policies of equal settings share a
+    process, which makes a fresh one for each episode. A copy is made there, too.
 
     Raises:
         RuntimeError: the policy failed, its process ended, or it took longer than `LONGEST`.
@@ -112,8 +114,11 @@ class IsolatedDriver:
 
     def act(self, reading: Reading) -> Command:
         """See `Policy.act`."""
-        command: Command = self._ask("act", reading)
-        return command
+        found = self._ask("act", reading)
+        twist, action = found["twist"], found["action"]
+        shown = Shown(status=str(found["status"]), plans=int(found["plans"]))
+        action = None if action is None else np.array(action, np.float64)
+        return Command(np.array(twist, np.float64), shown, action, bool(found["done"]))
 
     def _ask(self, call: str, value: Any) -> Any:
         worker, pipe, gone = self._process.worker, self._process.pipe, self._process.gone
@@ -121,15 +126,16 @@ class IsolatedDriver:
             pipe.send((call, self._name, value, [gone.pop() for _ in range(len(gone))]))
             if not pipe.poll(LONGEST):
                 raise TimeoutError(f"took longer than {LONGEST:g} s")
-            answer, failure = pipe.recv()
+            answer = json.loads(pipe.recv_bytes())
+            policy = pipe.recv_bytes() if call == "copy" else b""
         except (EOFError, OSError) as error:
             worker.kill()  # a late answer would be taken for the next one's
             worker.join()
             why = error if isinstance(error, TimeoutError) else "ended"
             raise RuntimeError(f"the policy's process {why} in {call}") from error
-        if failure:
-            raise RuntimeError(f"the policy failed in its process: {failure}")
-        return answer
+        if answer["failure"]:
+            raise RuntimeError(f"the policy failed in its process: {answer['failure']}")
+        return policy if call == "copy" else answer
 
 
 _NAMES: Final = itertools.count()  # of drivers
@@ -162,24 +168,41 @@ def _process_of(spec: str) -> _Process:
 
 def _serve(spec: Any, pipe: Connection) -> None:
     """Answer the calls of `IsolatedDriver` until nobody holds the other end."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the pipe ends with the program
     policies: dict[int, Any] = {}  # of drivers
     with suppress(EOFError, OSError):
         while True:
             call, driver, value, gone = pipe.recv()
-            answer, failure = None, ""
+            answer: dict[str, Any] = {"failure": ""}
+            policy = b""
             for one in gone:
                 policies.pop(one, None)
             try:
                 if call == "reset":
                     policies[driver] = make_policy(spec)
                 if call == "copy":
-                    answer = pickle.dumps(policies.get(driver))
+                    policy = pickle.dumps(policies.get(driver))
                 elif call == "paste":
                     policies[driver] = pickle.loads(value)
                 elif policies.get(driver) is None:
                     raise InputError("it was not reset in this process")
+                elif call == "reset":
+                    policies[driver].reset(value)
                 else:
-                    answer = getattr(policies[driver], call)(value)
+                    answer |= _plain(policies[driver], value)
             except Exception as error:
-                failure = str(error) if isinstance(error, InputError) else traceback.format_exc()
-            pipe.send((answer, failure))
+                refused = isinstance(error, InputError)
+                answer = {"failure": str(error) if refused else traceback.format_exc()}
+            pipe.send_bytes(json.dumps(answer).encode())
+            if call == "copy":
+                pipe.send_bytes(policy)
+
+
+def _plain(policy: Any, reading: Reading) -> dict[str, Any]:
+    """A policy's command in numbers and texts."""
+    twist, shown, action, done = checked(policy.act(reading), policy)
+    return {
+        "twist": np.asarray(twist, np.float64).tolist(),
+        "action": None if action is None else np.asarray(action, np.float64).tolist(),
+        "status": str(shown.status), "plans": int(shown.plans), "done": bool(done),
+    }  # fmt: skip

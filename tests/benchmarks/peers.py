@@ -1,10 +1,13 @@
 """Steps per second of other simulators with a laser, beside ours, alternating in one run.
 
     python -m tests.benchmarks.peers [--beams 64] [--seconds 2] [--rounds 3] [--envs 1024]
+        [--other PYTHON]
 
-A peer that is not installed is left out: IR-SIM (`ir-sim`), VMAS (`vmas`), JaxNav (`jaxmarl`) and
-Navground (`navground`). None of them does all that ours does, and the last column says what a
-step of each contains; where a peer takes walls, it gets those of the same floor plan.
+A peer that is not installed is left out: IR-SIM (`ir-sim`), VMAS (`vmas`), JaxNav (`jaxmarl`),
+Navground (`navground`) and rlnav (`rlnav`). `irsim-x` is imported by IR-SIM's name: give the
+interpreter of an environment of its own. None of them does all that ours does, and the last column
+says what a step of each contains; where a peer takes walls, it gets those of the same floor plan.
+CartPole of Gymnasium is a yardstick.
 """
 
 from __future__ import annotations
@@ -14,9 +17,13 @@ import contextlib
 import io
 import math
 import statistics
+import subprocess
 from collections.abc import Callable
+from functools import partial
+from importlib.metadata import packages_distributions
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 
 from agents.benchmarks import environments
@@ -119,16 +126,52 @@ def navground_stepper(episode: Episode, beams: int, n: int) -> Callable[[], Any]
     return step
 
 
+def gymnasium_stepper(name: str, episode: Episode, beams: int, n: int) -> Callable[[], Any]:
+    """An environment of Gymnasium, with resets."""
+    if name.startswith("PointMaze"):
+        import rlnav  # noqa: F401
+
+    env = gym.make(name)
+    env.reset(seed=0)
+    actions = [env.action_space.sample() for _ in range(64)]
+    rng = np.random.default_rng(0)
+
+    def step() -> None:
+        *_, over, late, _ = env.step(actions[rng.bit_generator.random_raw() % 64])
+        if over or late:
+            env.reset()
+
+    return step
+
+
+CONTENT = {"rlnav": "a point in a maze; no laser", "CartPole": "a cart with a pole; no laser"}
+IRSIM = "the chair's box, the same walls, a scan; no reset"
+
+
+def other_rate(python: str, beams: int, seconds: float) -> float:
+    """Steps per second of the `irsim` that another interpreter imports."""
+    words = [python, "-m", "tests.benchmarks.peers", "--beams", beams, "--seconds", seconds]
+    done = subprocess.run(
+        [*map(str, words), "--alone"], check=True, stdout=subprocess.PIPE, text=True
+    )
+    return float(done.stdout.split()[-1])
+
+
 def main() -> None:
     """Print a table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     for name, kind, value in (("beams", int, 64), ("seconds", float, 2.0), ("rounds", int, 3)):
         parser.add_argument(f"--{name}", type=kind, default=value)
     parser.add_argument("--envs", type=int, default=1024)
+    parser.add_argument("--other", help="interpreter of an environment with irsim-x")
+    parser.add_argument("--alone", action="store_true", help="print the rate of irsim alone")
     given = parser.parse_args()
     settings, many = environments.bench_settings(given.beams, 64), given.envs
     env = NavigationEnv(config=settings)
     worlds, episode = env.worlds, env.worlds.episode(0, 0).episode
+    if given.alone:
+        print(irsim_rate(settings, episode, given.seconds))
+        return
     for seed in range(64):
         worlds.episode(seed, 0)
     spent = given.seconds
@@ -137,15 +180,17 @@ def main() -> None:
         "wheelchair_gym ": (
             many, OURS, lambda: environments.vector_env_rate(settings, worlds, many, 2, spent)[0],
         ),
-        "IR-SIM": (
-            1, "the chair's box, the same walls, a scan; no reset",
-            lambda: irsim_rate(settings, episode, spent),
-        ),
     }  # fmt: skip
+    if found_as := packages_distributions().get("irsim"):
+        cases[found_as[0]] = 1, IRSIM, lambda: irsim_rate(settings, episode, spent)
+    if given.other:
+        cases["irsim-x"] = 1, IRSIM, lambda: other_rate(given.other, given.beams, spent)
     for name, make in (
         ("VMAS", vmas_stepper), ("JaxNav", jaxnav_stepper), ("Navground", navground_stepper),
+        ("rlnav", partial(gymnasium_stepper, "PointMaze-v0")),
+        ("CartPole", partial(gymnasium_stepper, "CartPole-v1")),
     ):  # fmt: skip
-        sizes = (1,) if name == "Navground" else (1, many)
+        sizes = (1, many) if name in ("VMAS", "JaxNav") else (1,)
         for n in sizes:
             try:
                 with contextlib.redirect_stdout(io.StringIO()):
@@ -154,7 +199,7 @@ def main() -> None:
             except ImportError as error:
                 print(f"{name}: left out ({error})")
                 break
-            says = str(make.__doc__).split(": ", 1)[1]
+            says = CONTENT.get(name) or str(make.__doc__).split(": ", 1)[1]
             cases[name + " " * (n > 1)] = (n, says, lambda step=step, n=n: rate(step, n, spent))
     found: dict[str, list[float]] = {name: [] for name in cases}
     for _ in range(given.rounds):

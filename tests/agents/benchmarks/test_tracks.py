@@ -18,7 +18,7 @@ from agents.evaluation.evaluate import drive_episode, make_env
 from agents.policies import make_policy
 from tests.conftest import ROOT, long_but, output_of, refusal
 from wheelchair_gym.envs import NavigationEnv
-from wheelchair_gym.types import Command
+from wheelchair_gym.types import Command, Shown
 
 NAME = f"{__name__}:"
 COMES_LATER = """import runpy, sys, time
@@ -66,6 +66,18 @@ class Ends(Fails):
     how = "ends"
 
 
+class Escapes(Peeks):
+    """Answers with an object whose copy would run its code where it is read."""
+
+    def act(self, reading):
+        return Command(np.zeros(2), Shown(status=Bomb()))
+
+
+class Bomb:
+    def __reduce__(self):
+        return os._exit, (3,)
+
+
 def driven(policy, steps=40):
     with_map = make_env("empty", {"beams": 16, "max_episode_steps": steps}, None)
     try:
@@ -87,6 +99,7 @@ def test_it_reaches_neither_the_environment_nor_the_key_of_its_world():
     assert driven(peeks)["length"] > 1.0
     isolated = make_policy({"name": "isolated", "policy": f"{NAME}Peeks"})
     assert driven(isolated)["length"] == 0.0
+    assert driven(make_policy({"name": "isolated", "policy": f"{NAME}Escapes"}))["length"] == 0.0
 
 
 @pytest.mark.parametrize(("name", "said"), [("Fails", "no idea"), ("Ends", "ended in act")])
@@ -140,12 +153,22 @@ def test_a_program_that_knows_ros_alone_can_enter(tmp_path):
     assert "in real time" in text
 
 
-def test_figures_of_a_policy_that_reads_the_truth_do_not_agree(tmp_path, capsys):
-    """It arrives where it drives beside the environment, and not in a process of its own."""
+@pytest.mark.parametrize("elsewhere", [False, True])
+def test_figures_of_a_policy_that_reads_the_truth_do_not_agree(elsewhere, tmp_path, monkeypatch):
+    """It arrives where it drives beside the environment, and not in a process of its own.
+
+    A file that names another machine is found by what all of its episodes lose.
+    """
+    if elsewhere:
+        monkeypatch.setitem(tracks.TRACKS["tiny"], "episodes", 6)
+        tracks.TRACKS["tiny"]["digests"]["test"] = tracks.Track("tiny").found_digest()
+        monkeypatch.setattr(tracks, "DIFFERENT", 1.0)
     result, path = tracks.run(f"{NAME}Peeks", "tiny", tmp_path, progress=False)
     assert result["success"] == 0.0
     for one in result["episodes"]:
         one |= {"success": True, "outcome": "success", "time": 9.0}
+    if elsewhere:
+        result["machine"]["cpu"] = "another"
     result |= tracks.summary(result["episodes"])
     path.write_text(json.dumps(result | {"digest": tracks._digest(result)}))
     agrees, text = tracks.verify(path, 2, progress=False)
@@ -175,6 +198,14 @@ def test_episodes_that_do_not_add_up_are_refused(change, tmp_path):
     path.write_text(json.dumps(result | {"digest": tracks._digest(result)}))
     with pytest.raises(ValueError, match="are not those of its episodes, each once"):
         tracks.read_result(path)
+
+
+def test_a_file_of_settings_is_a_policy_and_a_few_episodes_are_for_development(tmp_path, capsys):
+    (tmp_path / "mine.json").write_text('{"slow": {"name": "random", "seed": 3}}')
+    words = ["benchmark", "run", f"{tmp_path}/mine.json:slow", "--track", "tiny", "--quiet"]
+    words += ["--out", f"{tmp_path}", "--jobs", "1", "--episodes", "1"]
+    assert "--episodes needs --development" in refusal(words, capsys)
+    assert "empty: 0 of 1" in output_of([*words, "--development"], capsys)
 
 
 def test_other_worlds_are_refused(tmp_path):
