@@ -466,7 +466,7 @@ def leaderboard() -> str:
              number(of["clearance"], 2), number(of["act_ms"], 2), of["commit"])
             for of in sorted(entries, key=lambda of: -float(of["success"])) if of["track"] == track
         ]  # fmt: skip
-        tables.append(f"`{track}`\n\n" + (table("leaderboard", rows) if rows else "No entry yet.\n"))
+        tables.append(f"`{track}`\n\n" + (table("leaderboard", rows) if rows else "None yet.\n"))
     return "\n".join(tables)
 
 
