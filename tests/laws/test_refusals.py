@@ -22,14 +22,20 @@ from tests.planners.test_problems import GOOD
 from tests.planners.test_thesis import FIGURE
 from tests.scenes.test_scenes import WORLDS
 from wheelchair_gym import maps
+from wheelchair_gym.actors import records as actors
 from wheelchair_gym.base.settings import InputError, dump, load, read_json
 from wheelchair_gym.envs import EnvSettings, NavigationVectorEnv
 from wheelchair_gym.geometry.kinematics import Limits
+from wheelchair_gym.hardware.joystick import JoystickSettings
+from wheelchair_gym.hardware.laser import scip
+from wheelchair_gym.hardware.laser.hokuyo import open_laser
 from wheelchair_gym.hardware.twin.plant import Plant, PlantSettings
 from wheelchair_gym.maps.cost_to_go import CostToGoSettings
 from wheelchair_gym.maps.io.floor_plan import read_floor_plan_image
 from wheelchair_gym.people.assistance import make_compiled
 from wheelchair_gym.people.drivers import make_driver
+from wheelchair_gym.perception.monte_carlo import LocalizationSettings
+from wheelchair_gym.recording.replay import sensor_log
 from wheelchair_gym.safety import Shield
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.sensors.settings import SensorSettings
@@ -37,7 +43,10 @@ from wheelchair_gym.sim.randomization import JointRandomization
 from wheelchair_gym.sim.settings import ChairSettings
 
 REFUSALS = yaml.safe_load((ROOT / "tests" / "laws" / "refusals.yaml").read_text())
-SETTINGS = ChairSettings, CostToGoSettings, EnvSettings, Limits, SensorSettings, Training
+SETTINGS = (
+    ChairSettings, CostToGoSettings, EnvSettings, JoystickSettings, Limits, LocalizationSettings,
+    SensorSettings, Training,
+)  # fmt: skip
 PROTOCOL = read_json(ROOT / "examples" / "participants.json")
 JOINT = dump(load(JointRandomization, {
     "quantities": ["motor.gain", "body.mass"], "mean": [1.0, 90.0],
@@ -62,9 +71,9 @@ def sample_barn(file):
     return sample({"name": "barn", "path": str(file)})
 
 
-def sample_image(file, content):
-    file.write_bytes(content)
-    return read_floor_plan_image(file, 0.1)
+def put_bytes(file, content):
+    file.write_bytes(content.encode("latin-1"))
+    return file
 
 
 # Each makes something of a value; files are written to a folder.
@@ -83,7 +92,7 @@ MAKERS = {
     ),
     "protocol": lambda value, _: load(Protocol, PROTOCOL | value, "protocol.json"),
     "training": lambda value, _: read_training(value, "x.json", "ppo"),
-    "image": lambda value, folder: sample_image(folder / "a.pgm", value.encode("latin-1")),
+    "image": lambda value, folder: read_floor_plan_image(put_bytes(folder / "a.pgm", value), 0.1),
     "range": lambda value, _: read_range(value),
     "map": lambda value, folder: maps.read_map(test_files.put(folder, **value)),
     "octile": lambda value, folder: maps.read_moving_ai_map(
@@ -109,6 +118,16 @@ MAKERS = {
     ),
     "joint": lambda value, _: load(ChairSettings, {"joint": JOINT | value}, "chair.json"),
     "no problems": lambda value, folder: read_problems(put(folder, "problems.json", value)),
+    "person": lambda value, _: actors.person(**value),
+    "group": lambda value, _: actors.group(actors.person([(0, 0)]), *value),
+    "furniture": lambda value, _: actors.furniture(*value),
+    "obstacle": lambda value, _: actors.obstacle(*value),
+    "laser": lambda value, _: open_laser(value),
+    "specification": lambda value, _: scip.specs_of(
+        scip.Reply("PP", "00", tuple(line.encode() for line in value))
+    ),
+    "recording": lambda value, folder: sensor_log(put_bytes(folder / "run.log", value)),
+    "any map": lambda value, folder: maps.read_any_map(put(folder, *value)),
     "no worlds": lambda value, folder: sample_barn(put(folder, "worlds.json", value)),
 }
 

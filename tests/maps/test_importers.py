@@ -87,10 +87,3 @@ def test_a_map_with_too_many_walls_is_refused_where_it_is_driven_on(tmp_path):
     assert maps.read_grid(tmp_path / "specks.yaml").n_walls == 4 * 175**2
     with pytest.raises(InputError, match=r"specks\.yaml: 122,500 walls; expected at most 100,000"):
         maps.read_any_map(tmp_path / "specks.yaml")
-
-
-def test_maps_of_no_known_kind_are_refused(tmp_path):
-    with pytest.raises(InputError, match=r"hall\.svg: not a known kind"):
-        maps.read_any_map(put(tmp_path, "hall.svg", "<svg/>"))
-    with pytest.raises(InputError, match=r"list\.json: verts is missing"):
-        maps.read_any_map(put(tmp_path, "list.json", []))

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from agents.policies import GymPolicy, make_policy
-from wheelchair_gym import InputError
 from wheelchair_gym.geometry.planar import to_world, wrap, wrap_angle
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.perception.localized_chair import LocalizedChair
@@ -202,11 +201,3 @@ def test_nowhere_to_be_is_an_error():
     solid = OccupancyGrid(np.full((4, 4), 100, np.int8), 0.05)
     with pytest.raises(ValueError, match="no free cell"):
         MonteCarloLocalizer(LocalizationSettings(), LASER).start(solid, np.zeros(3), 0)
-
-
-def test_many_chairs_refuse_it_and_settings_contradict():
-    for source in ("mcl", "slam"):
-        with pytest.raises(InputError, match=rf"pose_source is '{source}'; expected truth"):
-            gym.make_vec(NAVIGATION, num_envs=2, pose_source=source, split="test")
-    with pytest.raises(InputError, match="max_particles is 20"):
-        LocalizationSettings(min_particles=30, max_particles=20)

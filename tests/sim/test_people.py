@@ -30,7 +30,6 @@ from wheelchair_gym.actors.records import (
     combine,
     furniture,
     group,
-    obstacle,
     person,
     with_trolley,
 )
@@ -369,25 +368,6 @@ def test_bounds_hold_and_nobody_leaves_in_the_scene_of_all_people(model):
 
 
 # --- bad input
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: person([(0, 0)], model=2), "model is 2; expected 0 to 1: orca, social_force"),
-        (lambda: person([(0, 0)], behaviour=6), "behaviour is 6; expected 0 to 5: walks, pauses"),
-        (lambda: person([(0, 0)], reaction=-1), "reaction is -1; expected 0 to 4: regular"),
-        (lambda: person([(0, 0)], behaviour=RUNS, every=0.0), "every is 0 s; expected a positive"),
-        (lambda: group(person([(0, 0)]), 5, 1.0), "size is 5; expected 2, 3 or 4"),
-        (lambda: person([]), "the route has no way points"),
-        (lambda: person([(0, 0)], -1.0), "speed -1; expected positive"),
-        (lambda: furniture((0, 0, 0), (0.0, 0.0), 5.0), "size .* expected positive"),
-        (lambda: obstacle((0, 0), math.nan), "obstacle: size is NaN"),
-    ],
-)
-def test_wrong_actors_are_refused_in_one_line(make, message):
-    with pytest.raises(InputError, match=message):
-        make()
 
 
 @pytest.mark.parametrize(
