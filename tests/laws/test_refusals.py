@@ -11,6 +11,7 @@ from agents.evaluation.tuning import read_range
 from agents.learning.settings import Training, read_training
 from agents.people.protocol import Protocol
 from agents.policies import make_policy
+from planners import make_planner
 from planners.problem_files import read_problems
 from planners.rrt_star_woa import thesis
 from planners.swarm.planner import SwarmPlanner
@@ -25,10 +26,13 @@ from wheelchair_gym import maps
 from wheelchair_gym.actors import records as actors
 from wheelchair_gym.base.settings import InputError, dump, load, read_json
 from wheelchair_gym.envs import EnvSettings, NavigationVectorEnv
+from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.geometry.kinematics import Limits
 from wheelchair_gym.hardware.joystick import JoystickSettings
 from wheelchair_gym.hardware.laser import scip
 from wheelchair_gym.hardware.laser.hokuyo import open_laser
+from wheelchair_gym.hardware.registry import make_chair
+from wheelchair_gym.hardware.settings import check_boards
 from wheelchair_gym.hardware.twin.plant import Plant, PlantSettings
 from wheelchair_gym.maps.cost_to_go import CostToGoSettings
 from wheelchair_gym.maps.io.floor_plan import read_floor_plan_image
@@ -81,6 +85,7 @@ MAKERS = {
     "policy": lambda value, _: make_policy(value),
     "driver": lambda value, _: make_driver(value),
     "assistant": lambda value, _: make_compiled(value),
+    "planner": lambda value, _: make_planner(value),
     "swarm": lambda value, _: SwarmPlanner(**value),
     "scene": lambda value, _: make_scene(value),
     "world": lambda value, _: sample(value),
@@ -127,6 +132,9 @@ MAKERS = {
         scip.Reply("PP", "00", tuple(line.encode() for line in value))
     ),
     "recording": lambda value, folder: sensor_log(put_bytes(folder / "run.log", value)),
+    "config": lambda value, _: env_settings(value),
+    "chair": lambda value, _: make_chair(value, EnvSettings()),
+    "boards": lambda value, _: check_boards(load(SensorSettings, value, "sensors")),
     "any map": lambda value, folder: maps.read_any_map(put(folder, *value)),
     "no worlds": lambda value, folder: sample_barn(put(folder, "worlds.json", value)),
 }
