@@ -1,6 +1,5 @@
 """Simulated people: models of motion, behaviours, reactions, and the bounds that hold."""
 
-import dataclasses
 import math
 
 import numpy as np
@@ -46,10 +45,7 @@ BOTH = pytest.mark.parametrize("model", [ORCA, SOCIAL_FORCE], ids=MODELS)
 
 def watch(things, seconds, twist=STILL, half=6.0, start=(0.0, 0.0, 0.0), key=0, walls=()):
     """Poses (n, k, 3) of actors and (n, 3) of the chair, one after each 0.1 s, and the chair."""
-    episode = dataclasses.replace(box(half, start), actors=combine(things))
-    if len(walls):
-        episode = dataclasses.replace(episode, walls=np.vstack([episode.walls, walls]))
-    chair = placed(exact_chair(), episode, key)
+    chair = placed(exact_chair(), box(half, start, walls, actors=things), key)
     poses, own, contacts = [chair.truth.actor_poses], [chair.truth.pose], 0
     for _ in range(round(10 * seconds)):
         chair.drive(np.asarray(twist, float))
@@ -106,10 +102,7 @@ def test_a_heading_decays_with_the_two_published_rates():
 def test_a_person_who_walks_by_social_forces_faces_their_motion():
     """Like a unicycle in the open (Farina et al. 2017): no sideways speed, also round a corner."""
     route = [(-4.0, -4.0), (4.0, -4.0), (4.0, 4.0)]
-    episode = dataclasses.replace(
-        box(6.0), actors=combine([person(route, 1.2, model=SOCIAL_FORCE)])
-    )
-    chair = placed(exact_chair(), episode)
+    chair = placed(exact_chair(), box(6.0, actors=[person(route, 1.2, model=SOCIAL_FORCE)]))
     state = chair.chairs.pointers.array("actor_states")
     aside, turned = [], 0.0
     for _ in range(110):

@@ -6,7 +6,7 @@ import hashlib
 import numpy as np
 import pytest
 
-from tests.sim.worlds import box, busy, cluttered, placed
+from tests.sim.worlds import box, busy, cluttered, placed, step
 from wheelchair_gym.base.settings import load
 from wheelchair_gym.geometry.kinematics import DriveGeometry
 from wheelchair_gym.safety import Shield
@@ -177,8 +177,7 @@ def test_the_shield_stops_a_chair_whose_commands_are_late(delay):
         chair, shield = SimulatedChair(settings), Shield(chair=settings)
         reading = chair.reset(box(5.0, (2.0, 0.0, 0.0)), key)
         for _ in range(100):
-            given = shield.filter(np.array([0.8, 0.0]), reading)
-            reading = chair.drive(given, shield.decision.protective)
+            reading = step(chair, shield, (0.8, 0.0), reading)
         assert not chair.truth.touched
         assert chair.truth.pose[0] > 3.0
 
