@@ -81,10 +81,13 @@ def json_of(words: list[Any], captured: Any) -> Any:
     return json.loads(output_of([*words, "--json", "-"], captured))
 
 
-def json_file(path: Path, content: Any) -> Path:
-    """Write content to a file as JSON, and return its path."""
-    path.write_text(json.dumps(content))
+def put(path: Path, content: Any) -> Path:
+    """Write a text, or anything else as JSON, to a file, and return its path."""
+    path.write_text(content if isinstance(content, str) else json.dumps(content))
     return path
+
+
+json_file = put
 
 
 def need_pty():

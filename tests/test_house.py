@@ -92,15 +92,15 @@ def test_each_engine_lives_in_its_room():
             assert rooms is None or where.startswith(rooms), f"{where} imports {name}"
 
 
-def test_importing_the_env_loads_neither_torch_nor_planners():
+def test_importing_env_and_pictures_loads_neither_torch_nor_planners_nor_pygame():
     code = (
-        "import sys, gymnasium, wheelchair_gym; "
+        "import sys, gymnasium, wheelchair_gym.rendering; "
         "gymnasium.make('wheelchair_gym/Navigation-v1'); "
-        "print([m for m in ('torch', 'stable_baselines3', 'planners', 'agents', 'matplotlib') "
-        "if m in sys.modules])"
+        "print({'torch', 'stable_baselines3', 'planners', 'agents', 'matplotlib', 'pygame'} "
+        "& set(sys.modules))"
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert out.stdout.strip() == "[]"
+    assert out.stdout.strip() == "set()"
 
 
 AWAY = """

@@ -1,5 +1,6 @@
 """Wrong input is refused in one line that names it; the inputs stand in refusals.yaml."""
 
+import dataclasses
 import re
 
 import gymnasium as gym
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
+from agents.deploy import Deployment
 from agents.evaluation.tuning import read_range
 from agents.learning.settings import Training, read_training
 from agents.people.protocol import Protocol
@@ -15,16 +17,16 @@ from planners import make_planner
 from planners.problem_files import read_problems
 from planners.rrt_star_woa import thesis
 from planners.swarm.planner import SwarmPlanner
-from tests.conftest import ROOT
+from tests.conftest import ROOT, put
 from tests.hardware import test_plant
 from tests.maps import test_files, test_importers
-from tests.maps.test_importers import put
 from tests.planners.test_problems import GOOD
 from tests.planners.test_thesis import FIGURE
 from tests.scenes.test_scenes import WORLDS
+from tests.sim.worlds import box
 from wheelchair_gym import maps
 from wheelchair_gym.actors import records as actors
-from wheelchair_gym.base.settings import InputError, dump, load, read_json
+from wheelchair_gym.base.settings import InputError, dump, load, read, read_json
 from wheelchair_gym.envs import EnvSettings, NavigationVectorEnv
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.geometry.kinematics import Limits
@@ -76,7 +78,9 @@ def sample_barn(file):
 
 
 def put_bytes(file, content):
-    file.write_bytes(content.encode("latin-1"))
+    """Write Latin-1 to a file, or no file for None; its path."""
+    if content is not None:
+        file.write_bytes(content.encode("latin-1"))
     return file
 
 
@@ -101,28 +105,28 @@ MAKERS = {
     "range": lambda value, _: read_range(value),
     "map": lambda value, folder: maps.read_map(test_files.put(folder, **value)),
     "octile": lambda value, folder: maps.read_moving_ai_map(
-        put(folder, "bad.map", replaced(test_importers.OCTILE, value))
+        put(folder / "bad.map", replaced(test_importers.OCTILE, value))
     ),
     "thesis": lambda value, folder: thesis.read_thesis(
-        put(folder, "figure.json", replaced(FIGURE, value))
+        put(folder / "figure.json", replaced(FIGURE, value))
     ),
     "house": lambda value, folder: maps.read_house(
-        put(folder, "bad.json", changed(test_importers.HOUSE, value))
+        put(folder / "bad.json", changed(test_importers.HOUSE, value))
     ),
     "problem": lambda value, folder: read_problems(
-        put(folder, "problems.json", [GOOD, changed(GOOD, value)])
+        put(folder / "problems.json", [GOOD, changed(GOOD, value)])
     ),
     "barn": lambda value, folder: sample_barn(
-        put(folder, "worlds.json", [changed(WORLDS[0], value)])
+        put(folder / "worlds.json", [changed(WORLDS[0], value)])
     ),
     "plant": lambda value, folder: PlantSettings.read(
-        put(folder, "hidden.json", value), test_plant.BELIEVED
+        put(folder / "hidden.json", value), test_plant.BELIEVED
     ),
     "twin": lambda value, _: Plant(
         load(ChairSettings, value[0], "chair"), load(SensorSettings, value[1], "sensors")
     ),
     "joint": lambda value, _: load(ChairSettings, {"joint": JOINT | value}, "chair.json"),
-    "no problems": lambda value, folder: read_problems(put(folder, "problems.json", value)),
+    "no problems": lambda value, folder: read_problems(put(folder / "problems.json", value)),
     "person": lambda value, _: actors.person(**value),
     "group": lambda value, _: actors.group(actors.person([(0, 0)]), *value),
     "furniture": lambda value, _: actors.furniture(*value),
@@ -132,11 +136,17 @@ MAKERS = {
         scip.Reply("PP", "00", tuple(line.encode() for line in value))
     ),
     "recording": lambda value, folder: sensor_log(put_bytes(folder / "run.log", value)),
+    "settings file": lambda value, folder: read(
+        ChairSettings, put_bytes(folder / "chair.json", value)
+    ),
+    "description": lambda value, folder: maps.read_map(put_bytes(folder / "map.yaml", value)),
+    "arrival": lambda value, _: dataclasses.replace(box(), arrival=tuple(value)),
+    "deployment": lambda value, _: Deployment(**value),
     "config": lambda value, _: env_settings(value),
     "chair": lambda value, _: make_chair(value, EnvSettings()),
     "boards": lambda value, _: check_boards(load(SensorSettings, value, "sensors")),
-    "any map": lambda value, folder: maps.read_any_map(put(folder, *value)),
-    "no worlds": lambda value, folder: sample_barn(put(folder, "worlds.json", value)),
+    "any map": lambda value, folder: maps.read_any_map(put(folder / value[0], value[1])),
+    "no worlds": lambda value, folder: sample_barn(put(folder / "worlds.json", value)),
 }
 
 

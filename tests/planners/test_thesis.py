@@ -8,7 +8,7 @@ import pytest
 from planners import PLANNERS, make_planner
 from planners.rrt_star_woa import thesis
 from planners.rrt_star_woa.woa import WhaleSettings
-from tests.conftest import json_file
+from tests.conftest import put
 from wheelchair_gym.base.settings import InputError
 
 FIGURE = json.dumps(dict(thesis.FIGURE_3_1.values), indent=2)[:-2] + ",\n}\n"
@@ -16,9 +16,7 @@ FIGURE = json.dumps(dict(thesis.FIGURE_3_1.values), indent=2)[:-2] + ",\n}\n"
 
 @pytest.fixture
 def figure(tmp_path):
-    path = tmp_path / "figure.json"
-    path.write_text(FIGURE)
-    return path
+    return put(tmp_path / "figure.json", FIGURE)
 
 
 @pytest.mark.parametrize("name", thesis.PLANNERS_OF_FILE)
@@ -51,7 +49,7 @@ def test_the_figure_names_every_key_and_its_map(figure):
 
 
 def test_keys_that_are_missing_keep_our_defaults(tmp_path):
-    path = json_file(tmp_path / "short.json", {"PathPlanner_Step_Size": 2})
+    path = put(tmp_path / "short.json", {"PathPlanner_Step_Size": 2})
     planner = make_planner(thesis.read_thesis(path).planner())
     assert planner.tree.step == 2.0
     assert planner.tree.goal_bias == 0.0

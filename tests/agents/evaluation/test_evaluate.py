@@ -67,10 +67,6 @@ def test_wrong_input_is_told_before_anything_runs(tmp_path):
     ):
         with pytest.raises(InputError, match=said):
             evaluate(policies, scenes, [0], folder=tmp_path, progress=False)
-    blocked = tmp_path / "file"
-    blocked.write_text("")
-    with pytest.raises(InputError, match="cannot be written"):
-        evaluate(["random"], ["floor_plan"], [0], folder=blocked / "x", progress=False)
 
 
 @settings
