@@ -2,7 +2,6 @@
 
 import dataclasses
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -425,9 +424,6 @@ def test_what_is_not_there_is_one_line():
     with pytest.raises(InputError, match="drive board is silent"):
         chair.reset(None, 0)
     chair.close()
-    for source in ("truth", "modelled"):
-        with pytest.raises(InputError, match="expected mcl, slam or odometry"):
-            gym.make("wheelchair_gym/Hardware-v1", pose_source=source)
 
 
 def test_settings_of_the_file_stand_where_the_name_says_nothing():

@@ -1,6 +1,7 @@
 """Wrong input is refused in one line that names it; the inputs stand in refusals.yaml."""
 
 import dataclasses
+import pkgutil
 import re
 
 import gymnasium as gym
@@ -8,15 +9,10 @@ import numpy as np
 import pytest
 import yaml
 
-from agents.deploy import Deployment
-from agents.evaluation.tuning import read_range
 from agents.learning.settings import Training, read_training
 from agents.people.protocol import Protocol
-from agents.policies import make_policy
-from planners import make_planner
 from planners.problem_files import read_problems
 from planners.rrt_star_woa import thesis
-from planners.swarm.planner import SwarmPlanner
 from tests.conftest import ROOT, put
 from tests.hardware import test_plant
 from tests.maps import test_files, test_importers
@@ -27,19 +23,15 @@ from tests.sim.worlds import box
 from wheelchair_gym import maps
 from wheelchair_gym.actors import records as actors
 from wheelchair_gym.base.settings import InputError, dump, load, read, read_json
-from wheelchair_gym.envs import EnvSettings, NavigationVectorEnv
-from wheelchair_gym.envs.settings import env_settings
+from wheelchair_gym.envs import EnvSettings
 from wheelchair_gym.geometry.kinematics import Limits
 from wheelchair_gym.hardware.joystick import JoystickSettings
 from wheelchair_gym.hardware.laser import scip
-from wheelchair_gym.hardware.laser.hokuyo import open_laser
 from wheelchair_gym.hardware.registry import make_chair
 from wheelchair_gym.hardware.settings import check_boards
 from wheelchair_gym.hardware.twin.plant import Plant, PlantSettings
 from wheelchair_gym.maps.cost_to_go import CostToGoSettings
 from wheelchair_gym.maps.io.floor_plan import read_floor_plan_image
-from wheelchair_gym.people.assistance import make_compiled
-from wheelchair_gym.people.drivers import make_driver
 from wheelchair_gym.perception.monte_carlo import LocalizationSettings
 from wheelchair_gym.recording.replay import sensor_log
 from wheelchair_gym.safety import Shield
@@ -84,17 +76,18 @@ def put_bytes(file, content):
     return file
 
 
+def call(kind, value):
+    """Call what a kind names, with the value as it is, as arguments or as keywords."""
+    name, how = kind.removesuffix("_)").split("(")
+    arguments, keywords = {"": ([value], {}), "*": (value, {}), "**": ([], value)}[how]
+    return pkgutil.resolve_name(name)(*arguments, **keywords)
+
+
 # Each makes something of a value; files are written to a folder.
 MAKERS = {
-    "policy": lambda value, _: make_policy(value),
-    "driver": lambda value, _: make_driver(value),
-    "assistant": lambda value, _: make_compiled(value),
-    "planner": lambda value, _: make_planner(value),
-    "swarm": lambda value, _: SwarmPlanner(**value),
-    "scene": lambda value, _: make_scene(value),
     "world": lambda value, _: sample(value),
+    "hardware environment": lambda value, _: gym.make("wheelchair_gym/Hardware-v1", **value),
     "environment": lambda value, _: gym.make("wheelchair_gym/Navigation-v1", **value).reset(seed=0),
-    "environments": lambda value, _: NavigationVectorEnv(**value),
     "settings": lambda value, _: load(CLASSES[value[0]], value[1], "file.json"),
     "shield": lambda value, _: Shield(
         chair=load(ChairSettings, value[0], "chair"), period=value[1]
@@ -102,7 +95,6 @@ MAKERS = {
     "protocol": lambda value, _: load(Protocol, PROTOCOL | value, "protocol.json"),
     "training": lambda value, _: read_training(value, "x.json", "ppo"),
     "image": lambda value, folder: read_floor_plan_image(put_bytes(folder / "a.pgm", value), 0.1),
-    "range": lambda value, _: read_range(value),
     "map": lambda value, folder: maps.read_map(test_files.put(folder, **value)),
     "octile": lambda value, folder: maps.read_moving_ai_map(
         put(folder / "bad.map", replaced(test_importers.OCTILE, value))
@@ -127,11 +119,7 @@ MAKERS = {
     ),
     "joint": lambda value, _: load(ChairSettings, {"joint": JOINT | value}, "chair.json"),
     "no problems": lambda value, folder: read_problems(put(folder / "problems.json", value)),
-    "person": lambda value, _: actors.person(**value),
     "group": lambda value, _: actors.group(actors.person([(0, 0)]), *value),
-    "furniture": lambda value, _: actors.furniture(*value),
-    "obstacle": lambda value, _: actors.obstacle(*value),
-    "laser": lambda value, _: open_laser(value),
     "specification": lambda value, _: scip.specs_of(
         scip.Reply("PP", "00", tuple(line.encode() for line in value))
     ),
@@ -141,8 +129,6 @@ MAKERS = {
     ),
     "description": lambda value, folder: maps.read_map(put_bytes(folder / "map.yaml", value)),
     "arrival": lambda value, _: dataclasses.replace(box(), arrival=tuple(value)),
-    "deployment": lambda value, _: Deployment(**value),
-    "config": lambda value, _: env_settings(value),
     "chair": lambda value, _: make_chair(value, EnvSettings()),
     "boards": lambda value, _: check_boards(load(SensorSettings, value, "sensors")),
     "any map": lambda value, folder: maps.read_any_map(put(folder / value[0], value[1])),
@@ -156,5 +142,5 @@ MAKERS = {
 def test_what_is_wrong_is_refused_in_one_line_that_names_it(kind, value, words, tmp_path):
     parts, end = words.removesuffix("$").split(" ... "), words.endswith("$") * "$"
     with pytest.raises(InputError, match=".*".join(map(re.escape, parts)) + end) as caught:
-        MAKERS[kind](value, tmp_path)
+        MAKERS[kind](value, tmp_path) if kind in MAKERS else call(kind, value)
     assert kind != "map" or str(tmp_path) in str(caught.value)

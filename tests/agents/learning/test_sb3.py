@@ -148,8 +148,6 @@ def test_levels_are_drawn_by_rank_and_by_age():
     assert levels.weights()[1] > levels.weights()[3]
 
 
-def test_nothing_is_drawn_without_levels():
-    with pytest.raises(InputError, match="expected 1 at least"):
-        LevelScores(0)
+def test_scores_of_worlds_that_no_bank_holds_are_refused():
     with pytest.raises(InputError, match="expected 0 to 2"):
         LevelScores(3).update(np.array([-1, 1]), np.ones(2))  # -1: a world of no bank

@@ -141,12 +141,9 @@ def test_an_exported_assistant_answers_as_its_weights_do(weights, tmp_path):
     assert np.ptp(answers[0]) > 0.1
 
 
-def test_weights_of_policies_and_of_assistants_are_told_apart(weights):
+def test_weights_of_an_assistant_are_no_policy(weights):
     with pytest.raises(InputError, match="--driver NAME --assist"):
         make_policy(weights)
-    for name, says in (("ppo_guided", "expected an assistant's weights"), ("ppo_guide", "unknown")):
-        with pytest.raises(InputError, match=says):
-            make_assistant({"name": "residual", "weights": name})
 
 
 def test_other_weights_are_another_policy(weights):
