@@ -33,7 +33,7 @@ def test_the_figure_makes_the_thesis_planners(figure, name):
         assert make_planner(file.planner(name)) == expected
 
 
-def test_the_figure_names_every_key_and_its_map(figure):
+def test_the_figure_names_every_key_its_map_and_no_planner_of_others(figure):
     file = thesis.read_thesis(figure)
     assert file.values == thesis.FIGURE_3_1.values
     keys = "Obstacles_Dilation", "Epsilon", "Map_Name"
@@ -46,6 +46,8 @@ def test_the_figure_names_every_key_and_its_map(figure):
     )
     assert "ReturnOnFirstPath, PathPlanner_Iterations" in file.without_effect("a_star")
     assert "MapProcessor_Map_Name: --problems has" in file.without_effect("rrt_star", True)
+    with pytest.raises(InputError, match="'a_star' is none of the thesis's"):
+        file.planner("a_star")
 
 
 def test_keys_that_are_missing_keep_our_defaults(tmp_path):
@@ -56,11 +58,6 @@ def test_keys_that_are_missing_keep_our_defaults(tmp_path):
     assert planner.whales == replace(PLANNERS["rrt_star_woa_global"]().whales, leader="latest")
     assert thesis.is_thesis({"TestMode": True})
     assert not thesis.is_thesis({"rrt": {}})
-
-
-def test_planners_of_others_are_refused(figure):
-    with pytest.raises(InputError, match="'a_star' is none of the thesis's"):
-        thesis.read_thesis(figure).planner("a_star")
 
 
 def test_commas_within_text_stay():

@@ -431,14 +431,6 @@ def test_for_a_planner_only_the_unseen_slows_and_nothing_is_decided():
     assert same_fields(shield.state, before)
 
 
-def test_a_scan_of_another_laser_is_refused():
-    shield = Shield()
-    scan = np.full(181, 5.0, np.float32)
-    reading = Reading(np.zeros(3), STILL, scan, scan[:8], scan[:8], False, 36.0, 0.0)
-    with pytest.raises(ValueError, match="181"):
-        shield.filter(AHEAD, reading)
-
-
 def blinded(reading):
     """A reading whose laser has no echo in any direction."""
     return reading._replace(laser=np.full_like(reading.laser, np.inf))

@@ -13,7 +13,6 @@ import pytest
 
 from agents.cli import hardware, main
 from tests.conftest import output_of, put, refusal, until
-from tests.hardware.realtime import serving
 from tests.identification.drives import room
 from tests.sim.worlds import box
 from wheelchair_gym.base.errors import InputError
@@ -26,12 +25,6 @@ from wheelchair_gym.sim.chair import SimulatedChair
 from wheelchair_gym.sim.randomization import exactly
 
 pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
-
-
-@pytest.fixture
-def served(tmp_path):
-    with serving(tmp_path) as twin:
-        yield twin
 
 
 @pytest.mark.realtime
