@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -81,10 +81,13 @@ def json_of(words: list[Any], captured: Any) -> Any:
     return json.loads(output_of([*words, "--json", "-"], captured))
 
 
-def json_file(path: Path, content: Any) -> Path:
-    """Write content to a file as JSON, and return its path."""
-    path.write_text(json.dumps(content))
+def put(path: Path, content: Any) -> Path:
+    """Write a text, or anything else as JSON, to a file, and return its path."""
+    path.write_text(content if isinstance(content, str) else json.dumps(content))
     return path
+
+
+json_file = put
 
 
 def need_pty():
@@ -115,6 +118,15 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Order the files of tests; each keeps its own order."""
     places = {ROOT / "tests" / f"{name}.py": k for k, name in enumerate(FIRST)}
     items.sort(key=lambda item: places.get(item.path, len(FIRST)))
+
+
+@pytest.fixture
+def served(tmp_path: Path) -> Iterator[Any]:
+    """A twin behind devices, in real time."""
+    from tests.hardware.realtime import serving
+
+    with serving(tmp_path) as twin:
+        yield twin
 
 
 @pytest.fixture(scope="session")

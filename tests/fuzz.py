@@ -50,7 +50,7 @@ from planners import PLANNERS, Problem, Space, make_planner
 from planners.problem_files import read_problems
 from planners.rrt_star_woa.thesis import read_thesis
 from tests.agents.learning.tiny_runs import random_weights
-from tests.conftest import ROOT
+from tests.conftest import ROOT, put
 from wheelchair_gym.base.errors import InputError
 from wheelchair_gym.base.files import read_json
 from wheelchair_gym.base.settings import dump, read
@@ -185,12 +185,6 @@ def _shipped(name: str) -> Callable[[Path], Path]:
     return lambda folder: Path(shutil.copy(ROOT / "configs" / name, folder))
 
 
-def _written(path: Path, content: Any) -> Path:
-    """Write a text, or anything else as JSON; return the path of its file."""
-    path.write_text(content if isinstance(content, str) else json.dumps(content))
-    return path
-
-
 # A chair that a twin hides from its computer.
 BELIEVED = PlantSettings(ChairSettings(), SensorSettings(), PhysicsSettings())
 HIDDEN = {
@@ -271,12 +265,12 @@ def _mutated_png(data: bytes, rng: np.random.Generator) -> bytes:
 def _octile(folder: Path) -> Path:
     rows = ["." * 40] * 12 + ["." * 15 + "@T" * 5 + "." * 15] * 8 + ["." * 20 + "GS" * 10] * 10
     head = "type octile\nheight 30\nwidth 40\nmap\n"
-    return _written(folder / "yard.map", head + "\n".join(rows) + "\n")
+    return put(folder / "yard.map", head + "\n".join(rows) + "\n")
 
 
 def _polygons(folder: Path) -> Path:
     room = {"bounds": [0, 0, 8, 6], "polygons": [[[3, 0], [3.2, 0], [3.2, 3.5]]], "name": "room"}
-    return _written(folder / "room.json", room)
+    return put(folder / "room.json", room)
 
 
 def _sb3_model(folder: Path) -> Path:
@@ -293,7 +287,7 @@ def _sb3_model(folder: Path) -> Path:
 def _house(folder: Path) -> Path:
     verts = [[0, 0], [8, 0], [8, 4], [5, 4], [4, 6.5], [0, 6]]
     rooms = {"Kitchen": [[0, 0, 3, 3]], "Hall": []}
-    return _written(folder / "house.json", {"verts": verts, "room_category": rooms, "id": "abc"})
+    return put(folder / "house.json", {"verts": verts, "room_category": rooms, "id": "abc"})
 
 
 # ---- worlds, problems, settings
@@ -305,7 +299,7 @@ def _barn(folder: Path) -> Path:
          "circles": [[1.5, y, 0.075], [3.0, -y, 0.2]]}
         for k, y in ((3, 1.5), (8, 2.0))
     ]  # fmt: skip
-    return _written(folder / "barn.json", worlds)
+    return put(folder / "barn.json", worlds)
 
 
 def _use_barn(path: Path) -> None:
@@ -321,9 +315,7 @@ def _problems(folder: Path) -> Path:
         "name": "hall", "size": 5, "rects": [[2.0, 1.5, 3.0, 2.5], [0, 4, 1, 4.5]],
         "start": [1, 2], "goal": [4, 2], "optimum": 3.2361,
     }  # fmt: skip
-    return _written(
-        folder / "problem_files.json", [problem, problem | {"name": "again", "size": 6.5}]
-    )
+    return put(folder / "problem_files.json", [problem, problem | {"name": "again", "size": 6.5}])
 
 
 def _use_problems(path: Path) -> None:
@@ -334,14 +326,13 @@ def _use_problems(path: Path) -> None:
 
 
 def _thesis(folder: Path) -> Path:
-    path = folder / "thesis_settings.json"
-    path.write_text(
+    return put(
+        folder / "thesis_settings.json",
         '{"ReturnOnFirstPath": true, "MapProcessor_Obstacles_Dilation": 4, '
         '"MapProcessor_Epsilon": 0.5, "MapProcessor_Map_Name": "5", '
         '"PathPlanner_Iterations": 300, "PathPlanner_Step_Size": 2.0, '
-        '"PathOptimizer_Population": 10, "PathOptimizer_b_Parameter": 1,}'
+        '"PathOptimizer_Population": 10, "PathOptimizer_b_Parameter": 1,}',
     )
-    return path
 
 
 def _use_thesis(path: Path) -> None:
@@ -355,7 +346,7 @@ def _use_thesis(path: Path) -> None:
 def _env(folder: Path) -> Path:
     content = {**dump(EnvSettings()), "scene": {"name": "empty", "size": [6.0, 5.0]}}
     del content["hardware"]
-    return _written(folder / "env.json", content)
+    return put(folder / "env.json", content)
 
 
 def _use_env(path: Path) -> None:
@@ -367,7 +358,7 @@ def _use_env(path: Path) -> None:
 
 
 def _scenes(folder: Path) -> Path:
-    return _written(folder / "scenes.json", {name: dump(SCENES[name]()) for name in SCENE_NAMES})
+    return put(folder / "scenes.json", {name: dump(SCENES[name]()) for name in SCENE_NAMES})
 
 
 def _use_each(path: Path, names: Iterable[str], use: Callable[[Any], Any]) -> None:
@@ -386,12 +377,12 @@ def _protocol(folder: Path) -> Path:
     condition = {"name": "with help", "assist": {"name": "slide", "latency": 0.1}}
     tasks = [{"name": "home", "scene": "floor_plan", "seed": 1}]
     content = {"title": "a", "consent": "b", "conditions": [condition], "tasks": tasks}
-    return _written(folder / "protocol.json", content)
+    return put(folder / "protocol.json", content)
 
 
 def _amendment(folder: Path) -> Path:
     protocol = read_json(_protocol(folder))
-    return _written(folder / "amendment_001.json", {"at": "", "changed": [], "protocol": protocol})
+    return put(folder / "amendment_001.json", {"at": "", "changed": [], "protocol": protocol})
 
 
 def _chain(folder: Path) -> Path:
@@ -407,7 +398,7 @@ def _chain(folder: Path) -> Path:
 
 def _bench(folder: Path) -> Path:
     record = {"key": "abc", "planner": "rrt", "seed": 0, "curve": [[0.1, 3.0]]}
-    return _written(folder / "bench.json", {"format": FORMAT, "records": [record]})
+    return put(folder / "bench.json", {"format": FORMAT, "records": [record]})
 
 
 def _comparison(folder: Path) -> Path:
@@ -418,7 +409,7 @@ def _comparison(folder: Path) -> Path:
         "command": "wheelchair compare --policies mine.npz --out x", "title": "homes",
         "provenance": {"commit": "abc"}, "summary": [row],
     }  # fmt: skip
-    return _written(folder / "results.json", content)
+    return put(folder / "results.json", content)
 
 
 def _entry(folder: Path) -> Path:
@@ -428,7 +419,7 @@ def _entry(folder: Path) -> Path:
     episodes = [one | {"clearance_min": 0.1, "plan_ms": 1.0, "act_ms_p50": 1.0}]
     result = dict.fromkeys(tracks.NEEDED - {"digest"}, "") | {"benchmark": tracks.VERSION}
     result |= {"episodes": episodes} | tracks.summary(episodes)
-    return _written(folder / "people.json", result | {"digest": tracks._digest(result)})
+    return put(folder / "people.json", result | {"digest": tracks._digest(result)})
 
 
 def _use_comparison(path: Path) -> None:
@@ -475,7 +466,7 @@ def _log(folder: Path) -> Path:
         head = [k * 100_000, 0, k * 20, k * 21, *([0] * 20)]
         ranges = rng.integers(100, 5000, LASER.beams).tolist()
         lines.append(" ".join(map(str, head + ranges)))
-    return _written(folder / "log.dat", "\n".join(lines) + "\n")
+    return put(folder / "log.dat", "\n".join(lines) + "\n")
 
 
 def _recording(folder: Path, format: Any = "foxglove") -> Path:
@@ -666,7 +657,7 @@ READERS: dict[str, Reader] = {
          "cli.arguments.shield_of", "cli.hardware.calibrate", "cli.compare.trained_in"),
     ),
     "hidden chair": Reader(
-        lambda folder: _written(folder / "hidden.json", HIDDEN),
+        lambda folder: put(folder / "hidden.json", HIDDEN),
         lambda path: PlantSettings.read(path, BELIEVED),
         ("hardware.twin.plant.read", "cli.compare.compare"),
     ),

@@ -11,11 +11,10 @@ from agents.cli.lists import all_settings, settings_rows
 from agents.cli.options import POSES
 from planners.rrt_star_woa.path_shortening import RrtStarWoaGlobal
 from tests.configs import SINGLE
-from wheelchair_gym.base.settings import InputError, dump, load, read, setting_docs, with_values
+from wheelchair_gym.base.settings import InputError, dump, load, setting_docs, with_values
 from wheelchair_gym.envs.guidance import PoseGuidance
 from wheelchair_gym.envs.settings import EnvSettings
 from wheelchair_gym.sensors.settings import POSE_SOURCES
-from wheelchair_gym.sim.settings import ChairSettings
 
 
 @pytest.mark.parametrize("name", SINGLE)
@@ -31,16 +30,6 @@ def test_a_part_keeps_the_defaults_that_it_has_where_it_stands():
     default = RrtStarWoaGlobal()
     assert planner.tree == dataclasses.replace(default.tree, step=2.0)
     assert planner.whales == dataclasses.replace(default.whales, a=3.0)
-
-
-def test_files_that_cannot_be_read_are_named(tmp_path):
-    for text, message in ((b"{", "line 1, column 2: not JSON"), (b"\xff\xfe", "not a text file")):
-        path = tmp_path / "chair.json"
-        path.write_bytes(text)
-        with pytest.raises(InputError, match=message):
-            read(ChairSettings, path)
-    with pytest.raises(InputError, match=r"nothing\.json: cannot be read"):
-        read(ChairSettings, tmp_path / "nothing.json")
 
 
 @pytest.mark.parametrize("name", all_settings())

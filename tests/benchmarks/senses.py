@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.sim.worlds import box
+from tests.sim.worlds import box, step
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.safety import Shield
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
@@ -192,8 +192,7 @@ def drive(
                 side = rng.choice((-0.6, 0.6))
             twist = (-0.3, 0.0) if turning > 130 else (0.0, side) if turning else (speed, 0.0)
         told = reading._replace(laser=deceit(reading.laser, k * PERIOD))
-        given = shield.filter(np.array(twist), told)
-        reading = chair.drive(given, shield.decision.protective)
+        reading = step(chair, shield, twist, told)
         contact = max(contact, chair.truth.approach_speed * chair.truth.at_fault)
         if shield.latched and not reason:
             reason, detected = shield.latched, k * PERIOD
@@ -225,8 +224,7 @@ def drive_boards(fault: Fault, thing: str, speed: float, key: int, seconds: floa
         reading = chair.reset(None, 0)  # type: ignore[arg-type]
         begun = hosted.clock.now()
         while not said and hosted.clock.now() < begun + seconds:
-            given = shield.filter(np.array([speed, 0.0]), reading)
-            reading = chair.drive(given, shield.decision.protective)
+            reading = step(chair, shield, (speed, 0.0), reading)
             said = shield.latched or reading.halted
         detected = hosted.clock.now() - begun if said else math.nan
         for _ in range(10):

@@ -9,7 +9,6 @@ counts once only, in the tracker. Each row prints its seeds.
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import itertools
 import math
 import platform
@@ -22,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.conftest import SHARED
-from tests.sim.worlds import box
-from wheelchair_gym.actors.records import DOOR, NOBODY, PERSON, combine, person
+from tests.sim.worlds import box, step
+from wheelchair_gym.actors.records import DOOR, NOBODY, PERSON, person
 from wheelchair_gym.geometry.planar import to_frame, to_world, wrap_angle
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.perception.logs import LASER, read_log
@@ -161,9 +160,8 @@ def watch(
         seen = shares_seen(episode, truth.actor_poses, origin, reading.laser, laser)
         log.append((reading.stamp, tracks, place, velocity, truth.actor_poses, origin, seen))
         twist = wander.twist(reading, held) if moves else np.zeros(2)
-        given = shield.filter(twist, reading)
+        reading = step(chair, shield, twist, reading)
         held = shield.decision.reason != ""
-        reading = chair.drive(given, shield.decision.protective)
     score_log(score, log, kinds, episode, period)
 
 
@@ -271,8 +269,7 @@ def walkers(speed: float, crosses: bool, count: int = 1) -> Callable[[int], Epis
             across = [(x + aside, -4.8), (x + aside, 4.8)]
             along = [(-4.5, 0.3 + aside), (6.5, 0.3 + aside)]
             people.append(person(across if crosses else along, speed, avoids=NOBODY))
-        hall = box(8.0, (-6.5, 0.0, 0.0))
-        return dataclasses.replace(hall, discs=np.array(discs), actors=combine(people))
+        return box(8.0, (-6.5, 0.0, 0.0), discs=discs, actors=people)
 
     return make
 
@@ -427,8 +424,8 @@ def measure_log() -> dict[str, float]:
     tracker, confirmed = Tracker(LASER), set()
     periods = np.diff(log.stamps, prepend=log.stamps[0] - 0.1)
     rows = zip(log.stamps, periods, log.increments, log.ranges, strict=True)
-    for stamp, period, step, ranges in rows:
-        tracks = tracker.update(ranges, np.full(3, np.nan), step[[0, 2]] / period, stamp)
+    for stamp, period, moved, ranges in rows:
+        tracks = tracker.update(ranges, np.full(3, np.nan), moved[[0, 2]] / period, stamp)
         confirmed |= set(tracks.id[tracks.confirmed].tolist())
     way = float(np.hypot(*log.increments[:, :2].T).sum())
     return {"seconds": float(log.stamps[-1]), "metres": way, "confirmed": len(confirmed)}
@@ -444,8 +441,8 @@ def measure_cost() -> dict[str, float]:
         reading, readings = chair.reset(episode, 0), []
         for _ in range(200):
             readings.append(reading)
-            given = shield.filter(wander.twist(reading, shield.decision.reason != ""), reading)
-            reading = chair.drive(given, shield.decision.protective)
+            twist = wander.twist(reading, shield.decision.reason != "")
+            reading = step(chair, shield, twist, reading)
         times = []
         for _ in range(7):
             state = np.zeros(1, TRACKER)

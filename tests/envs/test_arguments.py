@@ -151,14 +151,7 @@ def test_a_chair_is_chosen_by_its_name():
     env.reset(seed=0)
     assert env.unwrapped.reading.laser.shape == (1081 + 541,)
     assert env_settings("configs/hardware.json", model="rear").sensors.looks_back
-    for given, why in (
-        ({"model": "front"}, "model is 'front'; expected thesis, rear or rear_ultrasonics"),
-        ({"model": 3}, "model is 3; expected thesis, rear or rear_ultrasonics"),
-        ({"model": "rear", "sensors": {"more_lasers": []}}, "sensors.more_lasers: expected none"),
-        ({"model": "rear", "sensors": EnvSettings().sensors}, "sensors.more_lasers: expected none"),
-        (own | {"sensors": {"ultrasonic": {"mounted": []}}}, "sensors.ultrasonic.mounted: "),
-    ):
-        with pytest.raises(InputError, match=f"config.{why}"):
-            env_settings(given)
+    with pytest.raises(InputError, match=r"config.sensors.more_lasers: expected none"):
+        env_settings({"model": "rear", "sensors": EnvSettings().sensors})
     slower = env_settings(own | {"sensors": {"ultrasonic": {"interval": 0.08}}})
     assert slower.sensors.ultrasonic.interval == 0.08

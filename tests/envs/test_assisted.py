@@ -173,5 +173,3 @@ def test_each_episode_draws_one_of_several_people():
     assert drawn == {0, 1, 2}
     stored = load(EnvSettings, dump(several.settings), "env")
     assert stored == several.settings
-    with pytest.raises(InputError, match="did you mean novice"):
-        NavigationEnv(**SMALL, driver=["novic"])

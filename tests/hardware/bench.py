@@ -55,6 +55,12 @@ class Bench(NativeDrive):
                     self.counts[i] = self.sign[i] * math.floor(ticks)
             self.step(period)
 
+    def by_hand(self, seconds: float, **stick) -> None:
+        """Let time pass with a hand at the stick, a frame each 10 ms."""
+        for _ in range(round(seconds / 0.01)):
+            self.stick(ibus(**stick))
+            self.run(0.01)
+
     def rearm(self) -> Status:
         """A person re-arms at zero; the answer."""
         (answer,) = self.send(Rearm(EVERYTHING))

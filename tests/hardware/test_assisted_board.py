@@ -14,9 +14,7 @@ HELD = protocol.JoystickFlag.FRESH | protocol.JoystickFlag.HELD
 def hand(bench, seconds, ahead=0.0, held=True, manual=False, host=None):
     """Time with a hand at the joystick; the host asks for a speed, or is silent."""
     bench.target = None if host is None else (host, 0.0, HELPED)
-    for _ in range(round(seconds / 0.01)):
-        bench.stick(ibus(ahead, 0.0, manual, held))
-        bench.run(0.01)
+    bench.by_hand(seconds, ahead=ahead, manual=manual, held=held)
 
 
 def fastest(bench):

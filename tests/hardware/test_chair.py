@@ -2,13 +2,12 @@
 
 import dataclasses
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
 from tests.hardware.bench import ibus
 from tests.hardware.hosted import Hosted
-from tests.sim.worlds import box
+from tests.sim.worlds import box, step
 from wheelchair_gym import InputError
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.geometry.kinematics import DriveGeometry
@@ -51,21 +50,18 @@ def speed(hosted):
     return abs(hosted.twin.motion.speed) + 0.27 * abs(hosted.twin.motion.turn)
 
 
-def until_slower(hosted, seconds):
-    """Advance time until the chair is slower, within `seconds`."""
+def until_slower(hosted, seconds, less=0.02):
+    """Advance time until the chair is slower, within `seconds`; the mean deceleration [m/s2]."""
     start, before = hosted.clock.now(), speed(hosted)
-    while speed(hosted) > before - 0.02:
+    while speed(hosted) > before - less:
         hosted.clock.wait(hosted.clock.now() + 0.001)
         assert hosted.clock.now() - start < seconds
+    return before / (hosted.clock.now() - start)
 
 
 def deceleration(hosted):
     """The mean one from here to rest [m/s2]."""
-    start, before = hosted.clock.now(), speed(hosted)
-    while speed(hosted) > 2e-3:
-        hosted.clock.wait(hosted.clock.now() + 0.001)
-        assert hosted.clock.now() - start < 3.0
-    return before / (hosted.clock.now() - start)
+    return until_slower(hosted, 3.0, speed(hosted) - 2e-3)
 
 
 def test_a_reading_is_what_the_world_is(hosted):
@@ -210,8 +206,7 @@ def test_the_second_laser_of_the_chair_rear_is_read_watched_and_stops_it():
     assert np.abs(seen - wanted).max() < 2e-3  # whole millimetres, and the settling of the motors
     shield, reading, speeds = Shield(sensors=sensors), chair.reset(None, 0), []
     for _ in range(60):
-        given = shield.filter(np.array([-0.3, 0.0]), reading)
-        reading = chair.drive(given, shield.decision.protective)
+        reading = step(chair, shield, (-0.3, 0.0), reading)
         speeds.append(-reading.twist[0])
     assert max(speeds) > 0.2
     assert not hosted.twin.bumper_steps
@@ -236,8 +231,7 @@ def test_a_chair_with_ten_ultrasonics_reads_all_and_names_a_silent_one():
     np.testing.assert_allclose(reading.ultrasonic, wanted, atol=3e-3)
     assert np.isfinite(reading.age).all()
     for _ in range(100):
-        given = shield.filter(np.array([-0.3, 0.0]), reading)
-        reading = chair.drive(given, shield.decision.protective)
+        reading = step(chair, shield, (-0.3, 0.0), reading)
     assert shield.decision.reason == "obstacle"
     assert not hosted.twin.bumper_steps
     assert -3.0 + 0.3 < hosted.twin.plant.pose[0] < -2.3
@@ -430,9 +424,6 @@ def test_what_is_not_there_is_one_line():
     with pytest.raises(InputError, match="drive board is silent"):
         chair.reset(None, 0)
     chair.close()
-    for source in ("truth", "modelled"):
-        with pytest.raises(InputError, match="expected mcl, slam or odometry"):
-            gym.make("wheelchair_gym/Hardware-v1", pose_source=source)
 
 
 def test_settings_of_the_file_stand_where_the_name_says_nothing():

@@ -272,14 +272,14 @@ def driving(bench):
 
 
 def by_joystick(bench):
-    by_hand(bench, 0.2, manual=True)
-    by_hand(bench, 0.2, manual=True, held=True)
-    by_hand(bench, 2.0, manual=True, held=True, ahead=1.0)
+    bench.by_hand(0.2, manual=True)
+    bench.by_hand(0.2, manual=True, held=True)
+    bench.by_hand(2.0, manual=True, held=True, ahead=1.0)
 
 
 def let_go(bench):
     by_joystick(bench)
-    by_hand(bench, 0.02, manual=True, ahead=1.0)
+    bench.by_hand(0.02, manual=True, ahead=1.0)
 
 
 def host_gone(bench):
@@ -298,7 +298,7 @@ def test_a_wheel_faster_than_its_aim_is_cut_in_every_mode(bench, mode, duty):
     for k in range(200):
         if mode in (by_joystick, let_go):
             held = mode is by_joystick
-            by_hand(bench, 0.01, manual=True, held=held, ahead=1.0)
+            bench.by_hand(0.01, manual=True, held=held, ahead=1.0)
         else:
             bench.run(0.01)
         fast = max(bench.speeds) > aim + 0.25 or min(bench.speeds) < -0.25
@@ -509,25 +509,19 @@ def test_a_store_with_any_bit_wrong_is_refused(firmware):
     assert drive.send(Get(DRIVE_PARAMETERS.index("kp")))[0].value == 55.0
 
 
-def by_hand(bench, seconds, **stick):
-    for _ in range(round(seconds / 0.01)):
-        bench.stick(ibus(**stick))
-        bench.run(0.01)
-
-
 def test_the_joystick_goes_before_the_host_that_must_ask_for_zero_before_it_drives_again(bench):
     bench.start(0.5)
-    by_hand(bench, 1.5, manual=True)
+    bench.by_hand(1.5, manual=True)
     assert bench.odometry().mode == Mode.MANUAL
     assert max(map(abs, bench.speeds)) < 0.01
-    by_hand(bench, 1.0, manual=False)
+    bench.by_hand(1.0, manual=False)
     # The host still asks for 0.5 m/s, but has not asked for zero since.
     assert bench.odometry().mode == Mode.HOST
     assert max(map(abs, bench.speeds)) < 0.01
     bench.target = (0.0, 0.0)
-    by_hand(bench, 0.1)
+    bench.by_hand(0.1)
     bench.target = (0.5, 0.0)
-    by_hand(bench, 2.0)
+    bench.by_hand(2.0)
     assert min(bench.speeds) == pytest.approx(0.5, abs=0.01)
 
 

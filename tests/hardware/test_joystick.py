@@ -9,7 +9,6 @@ import pytest
 
 from tests.hardware.hosted import Hosted
 from tests.sim.worlds import box
-from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.geometry.kinematics import Limits
 from wheelchair_gym.hardware import joystick
 from wheelchair_gym.hardware.connection import RETRY
@@ -152,12 +151,6 @@ def test_it_re_arms_with_sticks_at_rest_only():
     seat.device.press(OWN.rearm_button)
     seat.ask()
     assert acts == [1]
-
-
-@pytest.mark.parametrize("button", ["release_button", "assist_button"])
-def test_buttons_must_differ(button):
-    with pytest.raises(InputError, match="must differ"):
-        joystick.JoystickSettings(**{button: OWN.dead_man_button})
 
 
 def test_a_hand_goes_before_the_policy():

@@ -4,18 +4,11 @@ import numpy as np
 import pytest
 
 from tests.conftest import until
-from tests.hardware.realtime import serving
 from wheelchair_gym.hardware.boards.link import Link
 from wheelchair_gym.hardware.boards.protocol import Command, Mode, Odometry, Ranges, Rearm
 from wheelchair_gym.hardware.laser.hokuyo import Hokuyo
 
 pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
-
-
-@pytest.fixture
-def served(tmp_path):
-    with serving(tmp_path) as twin:
-        yield twin
 
 
 def newest(links):

@@ -93,17 +93,15 @@ class Helper:
 
     def hold(self, what):
         self.asked.append(what)
-        episode, (x, y) = box(3.0), (9.0, 9.0)
+        wall, (x, y) = (), (9.0, 9.0)
         if "ultrasonic" in what:
             one = self.senses.sensors.ultrasonic.mounted[int(what.split("ultrasonic ")[1][0])]
             x, y = one.x + 0.3 * math.cos(one.yaw), one.y + 0.3 * math.sin(one.yaw)
         elif what.startswith("hold"):
             x, y = -0.3 if "rear" in what else 0.7, 0.61 if "left of" in what else -0.61
         elif what.startswith("stand"):
-            episode = dataclasses.replace(
-                episode, walls=np.vstack([episode.walls, [(1.2, -1.0, 1.2, 1.0)]])
-            )
-        self.hosted.twin.reset(dataclasses.replace(episode, discs=np.array([(x, y, 0.04)])), 0)
+            wall = (1.2, -1.0, 1.2, 1.0)
+        self.hosted.twin.reset(box(3.0, walls=wall, discs=(x, y, 0.04)), 0)
 
     def found(self):
         """Return the findings that are not good, with their texts."""

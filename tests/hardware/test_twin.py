@@ -1,6 +1,5 @@
 """The real firmware on emulated boards: the chair does as told, and stops after every fault."""
 
-import dataclasses
 import math
 
 import numpy as np
@@ -10,7 +9,7 @@ from tests.benchmarks import bounds, drive_faults
 from tests.hardware.conftest import build, build_twin
 from tests.hardware.pilot import PERIOD, Pilot
 from tests.sim.worlds import box, exact_chair, placed
-from wheelchair_gym.actors.records import NOBODY, combine, person
+from wheelchair_gym.actors.records import NOBODY, person
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.hardware.boards.protocol import (
     BAUD,
@@ -383,7 +382,7 @@ def test_beams_that_no_hokuyo_has_are_said_so():
 
 def test_people_walk_in_the_twin_as_they_do_in_simulation(pilot):
     walker = person([(2.5, -2.0), (2.5, 2.0)], avoids=NOBODY)
-    world = dataclasses.replace(box(5.0), actors=combine([walker]))
+    world = box(5.0, actors=[walker])
     chair = SimulatedChair(sensors=SensorSettings(noise=False), physics=PhysicsSettings(step=1e-3))
     chair.reset(world, 0)
     pilot.twin.reset(world, 0)
@@ -401,7 +400,7 @@ def test_people_walk_in_the_twin_as_they_do_in_simulation(pilot):
 
 def test_a_person_who_walks_into_the_standing_twin_presses_its_strip(pilot):
     walker = person([(2.5, 0.0), (0.0, 0.0)], avoids=NOBODY)
-    pilot.twin.reset(dataclasses.replace(box(5.0), actors=combine([walker])), 0)
+    pilot.twin.reset(box(5.0, actors=[walker]), 0)
     pilot.run(0.5)
     assert pilot.twin.bumper_steps == 0
     pilot.run(4.0)

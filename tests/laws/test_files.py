@@ -355,11 +355,15 @@ def test_output_that_cannot_be_written_is_one_line(monkeypatch, capfd, output, c
 
 
 @pytest.mark.parametrize(
-    ("redirected", "code", "says"), [("> /dev/full", 2, FULL), (">&-", 2, CLOSED), ("2>&-", 0, "")]
-)
-def test_so_is_help_and_the_end_of_the_program(redirected, code, says):
+    ("words", "code", "says"),
+    [
+        ("--help > /dev/full", 2, FULL), ("--help >&-", 2, CLOSED), ("--help 2>&-", 0, ""),
+        ("sensors chair lattice --json - | head -1 | grep .", 0, ""),
+    ],
+)  # fmt: skip
+def test_so_is_help_and_the_end_of_the_program(words, code, says):
     done = subprocess.run(
-        ["bash", "-c", f"{sys.executable} -m wheelchair_gym settings --help {redirected}"],
+        ["bash", "-c", f"{sys.executable} -m wheelchair_gym settings {words}"],
         capture_output=True, text=True, check=False, cwd=ROOT, stdin=subprocess.DEVNULL,
     )  # fmt: skip
     assert done.stderr.startswith(says)

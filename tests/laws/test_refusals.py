@@ -1,5 +1,7 @@
 """Wrong input is refused in one line that names it; the inputs stand in refusals.yaml."""
 
+import dataclasses
+import pkgutil
 import re
 
 import gymnasium as gym
@@ -7,29 +9,31 @@ import numpy as np
 import pytest
 import yaml
 
-from agents.evaluation.tuning import read_range
 from agents.learning.settings import Training, read_training
 from agents.people.protocol import Protocol
-from agents.policies import make_policy
 from planners.problem_files import read_problems
 from planners.rrt_star_woa import thesis
-from planners.swarm.planner import SwarmPlanner
-from tests.conftest import ROOT
+from tests.conftest import ROOT, put
 from tests.hardware import test_plant
 from tests.maps import test_files, test_importers
-from tests.maps.test_importers import put
 from tests.planners.test_problems import GOOD
 from tests.planners.test_thesis import FIGURE
 from tests.scenes.test_scenes import WORLDS
+from tests.sim.worlds import box
 from wheelchair_gym import maps
-from wheelchair_gym.base.settings import InputError, dump, load, read_json
-from wheelchair_gym.envs import EnvSettings, NavigationVectorEnv
+from wheelchair_gym.actors import records as actors
+from wheelchair_gym.base.settings import InputError, dump, load, read, read_json
+from wheelchair_gym.envs import EnvSettings
 from wheelchair_gym.geometry.kinematics import Limits
+from wheelchair_gym.hardware.joystick import JoystickSettings
+from wheelchair_gym.hardware.laser import scip
+from wheelchair_gym.hardware.registry import make_chair
+from wheelchair_gym.hardware.settings import check_boards
 from wheelchair_gym.hardware.twin.plant import Plant, PlantSettings
 from wheelchair_gym.maps.cost_to_go import CostToGoSettings
 from wheelchair_gym.maps.io.floor_plan import read_floor_plan_image
-from wheelchair_gym.people.assistance import make_compiled
-from wheelchair_gym.people.drivers import make_driver
+from wheelchair_gym.perception.monte_carlo import LocalizationSettings
+from wheelchair_gym.recording.replay import sensor_log
 from wheelchair_gym.safety import Shield
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.sensors.settings import SensorSettings
@@ -37,7 +41,10 @@ from wheelchair_gym.sim.randomization import JointRandomization
 from wheelchair_gym.sim.settings import ChairSettings
 
 REFUSALS = yaml.safe_load((ROOT / "tests" / "laws" / "refusals.yaml").read_text())
-SETTINGS = ChairSettings, CostToGoSettings, EnvSettings, Limits, SensorSettings, Training
+SETTINGS = (
+    ChairSettings, CostToGoSettings, EnvSettings, JoystickSettings, Limits, LocalizationSettings,
+    SensorSettings, Training,
+)  # fmt: skip
 PROTOCOL = read_json(ROOT / "examples" / "participants.json")
 JOINT = dump(load(JointRandomization, {
     "quantities": ["motor.gain", "body.mass"], "mean": [1.0, 90.0],
@@ -62,54 +69,70 @@ def sample_barn(file):
     return sample({"name": "barn", "path": str(file)})
 
 
-def sample_image(file, content):
-    file.write_bytes(content)
-    return read_floor_plan_image(file, 0.1)
+def put_bytes(file, content):
+    """Write Latin-1 to a file, or no file for None; its path."""
+    if content is not None:
+        file.write_bytes(content.encode("latin-1"))
+    return file
+
+
+def call(kind, value):
+    """Call what a kind names, with the value as it is, as arguments or as keywords."""
+    name, how = kind.removesuffix("_)").split("(")
+    arguments, keywords = {"": ([value], {}), "*": (value, {}), "**": ([], value)}[how]
+    return pkgutil.resolve_name(name)(*arguments, **keywords)
 
 
 # Each makes something of a value; files are written to a folder.
 MAKERS = {
-    "policy": lambda value, _: make_policy(value),
-    "driver": lambda value, _: make_driver(value),
-    "assistant": lambda value, _: make_compiled(value),
-    "swarm": lambda value, _: SwarmPlanner(**value),
-    "scene": lambda value, _: make_scene(value),
     "world": lambda value, _: sample(value),
+    "hardware environment": lambda value, _: gym.make("wheelchair_gym/Hardware-v1", **value),
     "environment": lambda value, _: gym.make("wheelchair_gym/Navigation-v1", **value).reset(seed=0),
-    "environments": lambda value, _: NavigationVectorEnv(**value),
     "settings": lambda value, _: load(CLASSES[value[0]], value[1], "file.json"),
     "shield": lambda value, _: Shield(
         chair=load(ChairSettings, value[0], "chair"), period=value[1]
     ),
     "protocol": lambda value, _: load(Protocol, PROTOCOL | value, "protocol.json"),
     "training": lambda value, _: read_training(value, "x.json", "ppo"),
-    "image": lambda value, folder: sample_image(folder / "a.pgm", value.encode("latin-1")),
-    "range": lambda value, _: read_range(value),
+    "image": lambda value, folder: read_floor_plan_image(put_bytes(folder / "a.pgm", value), 0.1),
     "map": lambda value, folder: maps.read_map(test_files.put(folder, **value)),
     "octile": lambda value, folder: maps.read_moving_ai_map(
-        put(folder, "bad.map", replaced(test_importers.OCTILE, value))
+        put(folder / "bad.map", replaced(test_importers.OCTILE, value))
     ),
     "thesis": lambda value, folder: thesis.read_thesis(
-        put(folder, "figure.json", replaced(FIGURE, value))
+        put(folder / "figure.json", replaced(FIGURE, value))
     ),
     "house": lambda value, folder: maps.read_house(
-        put(folder, "bad.json", changed(test_importers.HOUSE, value))
+        put(folder / "bad.json", changed(test_importers.HOUSE, value))
     ),
     "problem": lambda value, folder: read_problems(
-        put(folder, "problems.json", [GOOD, changed(GOOD, value)])
+        put(folder / "problems.json", [GOOD, changed(GOOD, value)])
     ),
     "barn": lambda value, folder: sample_barn(
-        put(folder, "worlds.json", [changed(WORLDS[0], value)])
+        put(folder / "worlds.json", [changed(WORLDS[0], value)])
     ),
     "plant": lambda value, folder: PlantSettings.read(
-        put(folder, "hidden.json", value), test_plant.BELIEVED
+        put(folder / "hidden.json", value), test_plant.BELIEVED
     ),
     "twin": lambda value, _: Plant(
         load(ChairSettings, value[0], "chair"), load(SensorSettings, value[1], "sensors")
     ),
     "joint": lambda value, _: load(ChairSettings, {"joint": JOINT | value}, "chair.json"),
-    "no problems": lambda value, folder: read_problems(put(folder, "problems.json", value)),
-    "no worlds": lambda value, folder: sample_barn(put(folder, "worlds.json", value)),
+    "no problems": lambda value, folder: read_problems(put(folder / "problems.json", value)),
+    "group": lambda value, _: actors.group(actors.person([(0, 0)]), *value),
+    "specification": lambda value, _: scip.specs_of(
+        scip.Reply("PP", "00", tuple(line.encode() for line in value))
+    ),
+    "recording": lambda value, folder: sensor_log(put_bytes(folder / "run.log", value)),
+    "settings file": lambda value, folder: read(
+        ChairSettings, put_bytes(folder / "chair.json", value)
+    ),
+    "description": lambda value, folder: maps.read_map(put_bytes(folder / "map.yaml", value)),
+    "arrival": lambda value, _: dataclasses.replace(box(), arrival=tuple(value)),
+    "chair": lambda value, _: make_chair(value, EnvSettings()),
+    "boards": lambda value, _: check_boards(load(SensorSettings, value, "sensors")),
+    "any map": lambda value, folder: maps.read_any_map(put(folder / value[0], value[1])),
+    "no worlds": lambda value, folder: sample_barn(put(folder / "worlds.json", value)),
 }
 
 
@@ -119,5 +142,5 @@ MAKERS = {
 def test_what_is_wrong_is_refused_in_one_line_that_names_it(kind, value, words, tmp_path):
     parts, end = words.removesuffix("$").split(" ... "), words.endswith("$") * "$"
     with pytest.raises(InputError, match=".*".join(map(re.escape, parts)) + end) as caught:
-        MAKERS[kind](value, tmp_path)
+        MAKERS[kind](value, tmp_path) if kind in MAKERS else call(kind, value)
     assert kind != "map" or str(tmp_path) in str(caught.value)

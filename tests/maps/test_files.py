@@ -128,17 +128,6 @@ def test_what_a_description_lacks_is_said_and_found(tmp_path, changes, says):
         assert (maps.read_map(put(tmp_path, **changes)).cells == expected).all()
 
 
-@pytest.mark.parametrize(
-    "content", [b"", b"- 1\n", b"\xff\xfe\x00", b"a: [", b"a: \x00", b"a: &x [*x]\n"]
-)
-def test_a_broken_description_is_refused(tmp_path, content):
-    (tmp_path / "map.yaml").write_bytes(content)
-    with pytest.raises(InputError, match=r"map\.yaml: [^\n]*$"):
-        maps.read_map(tmp_path / "map.yaml")
-    with pytest.raises(InputError, match="cannot be read"):
-        maps.read_map(tmp_path / "none.yaml")
-
-
 @pytest.mark.filterwarnings("ignore:.*reads the grey 205")
 @pytest.mark.parametrize(("name", "shape"), [("depot", (307, 604)), ("tb3_sandbox", (384, 384))])
 def test_maps_of_others(shared, name, shape):

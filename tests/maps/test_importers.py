@@ -1,10 +1,9 @@
 """Maps of others: MovingAI's text maps, HouseExpo's outlines; wrong ones are told."""
 
-import json
-
 import numpy as np
 import pytest
 
+from tests.conftest import put
 from wheelchair_gym import maps
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.geometry.planar import polygon_edges
@@ -15,21 +14,15 @@ VERTS = [[0, 0], [8, 0], [8, 4], [5, 4], [4, 6], [0, 6], [0, 0]]
 HOUSE = {"verts": VERTS, "bbox": {"min": [0.0, 0.0], "max": [8.0, 6.0]}, "room_num": 1, "id": "abc"}
 
 
-def put(folder, name, content):
-    path = folder / name
-    path.write_text(content if isinstance(content, str) else json.dumps(content))
-    return path
-
-
 def test_an_octile_map_is_what_its_letters_say(tmp_path):
-    grid = maps.read_moving_ai_map(put(tmp_path, "yard.map", OCTILE), resolution=0.5)
+    grid = maps.read_moving_ai_map(put(tmp_path / "yard.map", OCTILE), resolution=0.5)
     expected = [[0, 0, 0, 0], [0, 0, 1, 1], [0, 0, 1, 1]]  # lowest row first
     assert (grid.cells == np.where(expected, maps.OCCUPIED, maps.FREE)).all()
     assert grid.bounds == (0.0, 0.0, 2.0, 1.5)
 
 
 def test_a_house_is_free_inside_its_outline_only(tmp_path):
-    path = put(tmp_path, "house.json", HOUSE)
+    path = put(tmp_path / "house.json", HOUSE)
     house, ground = maps.read_house(path), maps.read_any_map(path)
     assert len(house.outline) == 6  # the corner repeated at the end is one
     grid = ground.grid
@@ -64,7 +57,7 @@ def test_solid_polygons_that_overlap_are_united(tmp_path, seed):
         polygons.append((box + rng.integers(0, 9, 2))[:: rng.choice([-1, 1])])
     top = rng.uniform((7.9, 5.9), (8.0, 6.0))
     room = {"bounds": [0, 0, *top], "polygons": [polygon.tolist() for polygon in polygons]}
-    found = maps.read_any_map(put(tmp_path, "room.json", room))
+    found = maps.read_any_map(put(tmp_path / "room.json", room))
     points = rng.uniform(-0.1, top + 0.1, (2000, 2))
     solid = ((points < 0) | (points > top)).any(axis=1)
     for polygon in polygons:
@@ -87,10 +80,3 @@ def test_a_map_with_too_many_walls_is_refused_where_it_is_driven_on(tmp_path):
     assert maps.read_grid(tmp_path / "specks.yaml").n_walls == 4 * 175**2
     with pytest.raises(InputError, match=r"specks\.yaml: 122,500 walls; expected at most 100,000"):
         maps.read_any_map(tmp_path / "specks.yaml")
-
-
-def test_maps_of_no_known_kind_are_refused(tmp_path):
-    with pytest.raises(InputError, match=r"hall\.svg: not a known kind"):
-        maps.read_any_map(put(tmp_path, "hall.svg", "<svg/>"))
-    with pytest.raises(InputError, match=r"list\.json: verts is missing"):
-        maps.read_any_map(put(tmp_path, "list.json", []))

@@ -8,7 +8,7 @@ import pytest
 from planners import PLANNERS, make_planner
 from planners.rrt_star_woa import thesis
 from planners.rrt_star_woa.woa import WhaleSettings
-from tests.conftest import json_file
+from tests.conftest import put
 from wheelchair_gym.base.settings import InputError
 
 FIGURE = json.dumps(dict(thesis.FIGURE_3_1.values), indent=2)[:-2] + ",\n}\n"
@@ -16,9 +16,7 @@ FIGURE = json.dumps(dict(thesis.FIGURE_3_1.values), indent=2)[:-2] + ",\n}\n"
 
 @pytest.fixture
 def figure(tmp_path):
-    path = tmp_path / "figure.json"
-    path.write_text(FIGURE)
-    return path
+    return put(tmp_path / "figure.json", FIGURE)
 
 
 @pytest.mark.parametrize("name", thesis.PLANNERS_OF_FILE)
@@ -35,7 +33,7 @@ def test_the_figure_makes_the_thesis_planners(figure, name):
         assert make_planner(file.planner(name)) == expected
 
 
-def test_the_figure_names_every_key_and_its_map(figure):
+def test_the_figure_names_every_key_its_map_and_no_planner_of_others(figure):
     file = thesis.read_thesis(figure)
     assert file.values == thesis.FIGURE_3_1.values
     keys = "Obstacles_Dilation", "Epsilon", "Map_Name"
@@ -48,21 +46,18 @@ def test_the_figure_names_every_key_and_its_map(figure):
     )
     assert "ReturnOnFirstPath, PathPlanner_Iterations" in file.without_effect("a_star")
     assert "MapProcessor_Map_Name: --problems has" in file.without_effect("rrt_star", True)
+    with pytest.raises(InputError, match="'a_star' is none of the thesis's"):
+        file.planner("a_star")
 
 
 def test_keys_that_are_missing_keep_our_defaults(tmp_path):
-    path = json_file(tmp_path / "short.json", {"PathPlanner_Step_Size": 2})
+    path = put(tmp_path / "short.json", {"PathPlanner_Step_Size": 2})
     planner = make_planner(thesis.read_thesis(path).planner())
     assert planner.tree.step == 2.0
     assert planner.tree.goal_bias == 0.0
     assert planner.whales == replace(PLANNERS["rrt_star_woa_global"]().whales, leader="latest")
     assert thesis.is_thesis({"TestMode": True})
     assert not thesis.is_thesis({"rrt": {}})
-
-
-def test_planners_of_others_are_refused(figure):
-    with pytest.raises(InputError, match="'a_star' is none of the thesis's"):
-        thesis.read_thesis(figure).planner("a_star")
 
 
 def test_commas_within_text_stay():

@@ -29,7 +29,6 @@ from tests.conftest import ROOT, refusal
 from wheelchair_gym import InputError
 from wheelchair_gym.maps import OCCUPIED, read_map
 from wheelchair_gym.recording.read_bags import bag_log
-from wheelchair_gym.recording.replay import sensor_log
 
 WIDTH, DEPTH = 8.0, 5.0  # m: the room; odometry begins at its centre
 BEAMS, FOV, PERIOD = 181, math.radians(270.0), 0.1
@@ -311,21 +310,6 @@ def test_messages_in_a_write_ahead_log_are_read_and_the_bag_is_not_changed(tmp_p
     found = bag_log(left)[0]
     np.testing.assert_array_equal(found.ranges, whole.ranges)
     assert {one.name: one.read_bytes() for one in left.iterdir()} == before
-
-
-@pytest.mark.parametrize(
-    ("content", "what"),
-    [
-        (b"#ROSBAG V2.0\nE\0\0\0", "ROS 1 bag.*rosbags-convert"),
-        (b"\x28\xb5\x2f\xfd\x04\0", "zstd -d"),
-        (b"rosbag2_bagfile_information:\n  version: 5\n", "expected its folder"),
-        (b"# message_name [message contents]\nODOM 0 0 0", "CARMEN log"),
-    ],
-)
-def test_recordings_of_other_kinds_are_named(content, what, tmp_path):
-    (tmp_path / "run.log").write_bytes(content)
-    with pytest.raises(InputError, match=what):
-        sensor_log(tmp_path / "run.log")
 
 
 @pytest.mark.parametrize("frame", ["odom", "/odom", "robot1/odom", "odom_combined"])

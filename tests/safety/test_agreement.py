@@ -21,7 +21,7 @@ from tests.benchmarks.senses import (
     stuck,
     world,
 )
-from tests.sim.worlds import box, placed
+from tests.sim.worlds import box, placed, step
 from wheelchair_gym.safety import Shield, ShieldSettings
 from wheelchair_gym.scenes.arena import EmptyRoom
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
@@ -137,14 +137,13 @@ def test_a_sector_without_echoes_erases_nothing(width, bearing):
 def test_somebody_who_left_does_not_block_a_hall_for_ever():
     """Nothing stands behind them within the laser's reach."""
     chair, shield = SimulatedChair(), Shield()
-    hall = box(40.0, (0.0, 0.0, 0.0))
-    hall = dataclasses.replace(hall, walls=np.vstack([hall.walls, [(-6.0, 3.0, 8.0, 3.0)]]))
-    reading = chair.reset(dataclasses.replace(hall, discs=np.array([(2.5, 0.0, 0.25)])), 1)
+    wall = (-6.0, 3.0, 8.0, 3.0)
+    reading = chair.reset(box(40.0, walls=wall, discs=(2.5, 0.0, 0.25)), 1)
     for _ in range(60):
         reading = chair.drive(shield.filter(np.array([0.8, 0.0]), reading))
     assert shield.decision.reason == "obstacle"
     stamp, blocked = reading.stamp, 0
-    alone = placed(SimulatedChair(), dataclasses.replace(hall, start=chair.truth.pose), 1)
+    alone = placed(SimulatedChair(), box(40.0, chair.truth.pose, wall), 1)
     for k in range(80):
         given = shield.filter(np.array([0.8, 0.0]), reading)
         reading = alone.drive(given)
@@ -170,8 +169,7 @@ def test_an_ultrasonic_that_tells_nothing_of_walls_is_found(ranger, told, fault)
             if fails and not math.isnan(ultrasonic[ranger]):
                 ultrasonic[ranger] = told + noise.normal(0.0, 0.01)
             twist = np.array([0.3 if k % 35 < 9 else -0.3, 0.5 if k > 300 else 0.0])
-            given = shield.filter(twist, reading._replace(ultrasonic=ultrasonic))
-            reading = chair.drive(given, shield.decision.protective)
+            reading = step(chair, shield, twist, reading._replace(ultrasonic=ultrasonic))
         found.append(shield.latched)
     assert found == ["", f"ultrasonic {fault}"]
 
@@ -203,8 +201,7 @@ def test_every_error_of_the_laser_widens_the_margin(name):
     reading = chair.reset(box(3.0, (0.0, 0.0, 0.3)), 0)
     for _ in range(80):
         far = reading.laser + np.float32(2.0 * sensors.laser.bias)
-        given = shield.filter(np.array([0.8, 0.0]), reading._replace(laser=far))
-        reading = chair.drive(given, shield.decision.protective)
+        reading = step(chair, shield, (0.8, 0.0), reading._replace(laser=far))
         assert chair.truth.approach_speed * chair.truth.at_fault <= HARM
 
 

@@ -30,12 +30,16 @@ def test_with_the_shield_no_attack_does_harm(scene, rate):
         ("hall", 10.0, 500062, 1.0),
         ("hall", 50.0, 500231, 1.0),
         ("clutter", 10.0, 500041, 1.0),
+        ("edges", 5.0, 2122, 0.2),
         # A laser moved back by 0.3 m among cylinders is accepted after 1 s.
         pytest.param("clutter", 50.0, 8000439, 0.2, marks=pytest.mark.xfail(strict=True)),
     ],
 )
-def test_a_laser_that_begins_to_deceive_close_to_something_does_no_harm(scene, rate, seed, faults):
-    """It repeats its scans or was moved: they clear no obstacle, and the chair creeps."""
+def test_what_once_did_harm_does_no_harm(scene, rate, seed, faults):
+    """A laser that begins to deceive close to something clears no obstacle, and the chair creeps.
+
+    Round a corner at 5 Hz, a stop in comfort that leaves too little becomes a protective one.
+    """
     report, harmful = attack(
         scene, 1, 4, shield=True, faults=faults, seed=seed, bank=200, rate=rate
     )
@@ -49,13 +53,6 @@ def test_what_nobody_could_see_is_met_slowly(seed, each):
     report, _ = attack("floor_plan", 1, each, shield=True, seed=seed, bank=200, rate=20.0)
     assert report.contacts > 0
     assert all(event.closing < SLOW for event in report.events)
-
-
-def test_a_stop_in_comfort_that_leaves_too_little_becomes_a_protective_one():
-    """At 5 Hz, round a corner: without that it met the post behind it at 0.062 m/s."""
-    report, harmful = attack("edges", 1, 4, shield=True, seed=2122, bank=200, rate=5.0)
-    assert report.attacks == 4
-    assert harmful == []
 
 
 @pytest.mark.parametrize("rate", [5.0, 10.0, 20.0])

@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from tests.safety.test_shield import begin, step
-from tests.sim.worlds import box
+from tests.safety.test_shield import begin
+from tests.sim.worlds import box, step
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.safety import Shield
 from wheelchair_gym.safety.grid import place_of_cell
@@ -35,13 +35,11 @@ def with_more(*lasers, **others):
 
 def reverse(sensors, twist=BACKWARD, seconds=20.0, discs=(), key=3, change=lambda k, r: r):
     """Ask for one twist from near the rear wall, in a room; chair, shield, reasons."""
-    episode, reasons = box(5.0, (-3.5, 0.0, 0.0)), []
-    episode = dataclasses.replace(episode, discs=np.reshape(discs, (-1, 3)).astype(float))
-    chair, shield, reading = begin(episode, key, sensors=sensors)
+    world, reasons = box(5.0, (-3.5, 0.0, 0.0), discs=discs), []
+    chair, shield, reading = begin(world, key, sensors=sensors)
     for k in range(round(seconds / 0.1)):
-        given = shield.filter(twist, change(k, reading))
+        reading = step(chair, shield, twist, change(k, reading))
         reasons.append(shield.decision.reason)
-        reading = chair.drive(given, shield.decision.protective)
     return chair, shield, reasons
 
 
@@ -89,8 +87,7 @@ def test_a_post_that_one_beam_meets_stops_it(aside):
 def test_what_leaves_the_view_of_its_scanner_is_remembered():
     """A post enters the blind corner beside a narrow fan; the chair turns, then reverses."""
     sensors = with_more(dataclasses.replace(CAMERA, beams=41))
-    episode = dataclasses.replace(box(5.0), discs=np.array([(-0.75, 0.0, 0.03)]))
-    chair, shield, reading = begin(episode, 3, sensors=sensors)
+    chair, shield, reading = begin(box(5.0, discs=(-0.75, 0.0, 0.03)), 3, sensors=sensors)
     for twist in [np.array([0.0, 0.6])] * 15 + [BACKWARD] * 60:
         reading = step(chair, shield, twist, reading)
     assert not chair.truth.touched
@@ -98,13 +95,12 @@ def test_what_leaves_the_view_of_its_scanner_is_remembered():
 
 def test_it_leaves_when_the_thing_behind_has_gone():
     """Its scanner sees beyond where a post was: the chair may reverse again."""
-    episode = box(5.0)
-    post = dataclasses.replace(episode, discs=np.array([(-0.42, 0.0, 0.05)]))
+    post = box(5.0, discs=(-0.42, 0.0, 0.05))
     chair, shield, reading = begin(post, 3, sensors=with_more(BACK))
     for _ in range(20):
         reading = chair.drive(shield.filter(BACKWARD, reading))
     assert shield.decision.reason == "obstacle"
-    reading = chair.reset(episode, 3)._replace(stamp=reading.stamp)
+    reading = chair.reset(box(5.0), 3)._replace(stamp=reading.stamp)
     for k in range(30):
         given = shield.filter(BACKWARD, reading)
         reading = chair.drive(given)._replace(stamp=reading.stamp + 0.1 * (k > -1))
@@ -148,8 +144,7 @@ def test_a_rear_scanner_that_shows_what_is_free_sees_who_comes_from_behind(shows
     chair, shield = SimulatedChair(sensors=sensors), Shield(sensors=sensors)
     for k in range(12):  # at 1 m/s
         disc = -2.2 + 0.1 * k, 0.0, 0.25
-        episode = dataclasses.replace(box(5.0, (0.0, 0.0, 0.0)), discs=np.array([disc]))
-        reading = chair.reset(episode, k)._replace(stamp=0.1 * k)
+        reading = chair.reset(box(5.0, discs=disc), k)._replace(stamp=0.1 * k)
         shield.filter(np.zeros(2), reading)
     state = shield.state[0]
     marks = state["marks"][: state["n_marks"]]

@@ -125,16 +125,6 @@ def test_a_chair_has_arrived_within_the_rectangle_slowly_and_in_line(
     assert reached_pose(at, speed, goal, np.array(ARRIVAL), less) == arrives
 
 
-@pytest.mark.parametrize(
-    "arrival",
-    [(0.1, 0.1, 0.1), (0.1, 0.1, 0.1, 0.0), (0.1, -0.1, 0.1, 0.1), (0.1, 0.1, 0.1, np.nan)],
-)
-def test_an_episode_takes_no_wrong_arrival(arrival):
-    episode = drawn("dock", 0)
-    with pytest.raises(InputError, match=r"Episode\.arrival"):
-        Episode(episode.map, episode.start, episode.goal, arrival=arrival)
-
-
 def test_recordings_keep_the_arrival():
     kind, episode = FIELDS[EPISODE]["arrival"], drawn("dock", 0)
     stored = json.loads(json.dumps(kind.write(episode.arrival)))

@@ -1,6 +1,5 @@
 """Laws of what moves: walls hold it, sensors see it, the chair is blamed for what it caused."""
 
-import dataclasses
 import math
 
 import numpy as np
@@ -24,7 +23,7 @@ QUIET = SensorSettings(noise=False, laser=LaserSettings(beams=32))
 
 def among(*things, half=5.0, start=(0.0, 0.0, 0.0)):
     """A square room with actors."""
-    return dataclasses.replace(box(half, start), actors=records.combine(things))
+    return box(half, start, actors=things)
 
 
 def actor_states(chair):

@@ -3,29 +3,42 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
 from wheelchair_gym.actors import records
+from wheelchair_gym.safety import Shield
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sim.chair import SimulatedChair
 from wheelchair_gym.sim.settings import ChairSettings, PhysicsSettings
-from wheelchair_gym.types import Episode
+from wheelchair_gym.types import Episode, Reading
 
 
-def box(half: float = 5.0, start: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Episode:
-    """A square room of 2 x half, without a map."""
+def box(
+    half: float = 5.0, start: Any = (0.0, 0.0, 0.0), walls: Any = (), discs: Any = (),
+    actors: Iterable[records.Actor] = (),
+) -> Episode:  # fmt: skip
+    """A square room of 2 x half, without a map, with further walls, discs and actors in it."""
     h = half
-    walls = np.array([(-h, -h, h, -h), (h, -h, h, h), (h, h, -h, h), (-h, h, -h, -h)])
-    return Episode(map=None, start=np.array(start), goal=np.zeros(3), walls=walls)  # type: ignore[arg-type]
+    around = np.array([(-h, -h, h, -h), (h, -h, h, h), (h, h, -h, h), (-h, h, -h, -h)])
+    walls = np.vstack([around, np.reshape(walls, (-1, 4))])
+    discs, nowhere = np.reshape(np.array(discs, float), (-1, 3)), np.zeros(3)
+    return Episode(None, np.array(start), nowhere, walls, discs, actors=records.combine(actors))  # type: ignore[arg-type]
+
+
+def step(chair: SimulatedChair, shield: Shield, twist: Any, reading: Reading) -> Reading:
+    """Drive for a period what the shield lets through of a twist; the next reading."""
+    given = shield.filter(np.asarray(twist, float), reading)
+    return chair.drive(given, shield.decision.protective)
 
 
 def cluttered(seed: int, start: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Episode:
     """A room with rotated boxes and round posts about a free middle."""
     rng = np.random.default_rng(seed)
-    walls = [box(6.0).walls]
-    while len(walls) < 12:
+    walls: list[Any] = []
+    while len(walls) < 11:
         x, y = rng.uniform(-5, 5, 2)
         if np.hypot(x, y) < 1.7:
             continue
@@ -37,13 +50,7 @@ def cluttered(seed: int, start: tuple[float, float, float] = (0.0, 0.0, 0.0)) ->
     angles = rng.uniform(-np.pi, np.pi, 5)
     radii = rng.uniform(0.05, 0.3, 5)
     discs = np.column_stack([3 * np.cos(angles), 3 * np.sin(angles), radii])
-    return Episode(
-        map=None,  # type: ignore[arg-type]
-        start=np.array(start),
-        goal=np.zeros(3),
-        walls=np.vstack(walls),
-        discs=discs,
-    )
+    return box(6.0, start, np.vstack(walls), discs)
 
 
 def exact_chair(step: float = 0.01, **chair: Any) -> SimulatedChair:
@@ -84,11 +91,4 @@ def busy(seed: int, start: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Epis
         records.door((3.9, 0.5), math.pi, 1.2, -1.2, swings=False, since=0.5, stay=1.5, every=4.0)
     )
     rng.shuffle(things)
-    return Episode(
-        map=None,  # type: ignore[arg-type]
-        start=np.array(start),
-        goal=np.zeros(3),
-        walls=box(4.0).walls,
-        discs=np.array([(0.0, 3.2, 0.2)]),
-        actors=records.combine(things),
-    )
+    return box(4.0, start, discs=(0.0, 3.2, 0.2), actors=things)

@@ -10,7 +10,6 @@ import pytest
 
 from agents.people.recorded_stick import schedule
 from tests.conftest import PATIENCE, until
-from tests.hardware.realtime import serving
 from tests.hardware.served import Program
 from wheelchair_gym.hardware.twin.lockstep import JoystickState
 from wheelchair_gym.recording.replay import read_recording
@@ -38,22 +37,21 @@ def rearm_by_hand(faults, after=CENTRED):
 
 
 @pytest.mark.realtime
-def test_a_person_drives_with_help_until_ctrl_c(tmp_path):
+def test_a_person_drives_with_help_until_ctrl_c(served, tmp_path):
     file = tmp_path / "drive.json"
-    with serving(tmp_path) as served:
-        faults, place = served.twin.faults, served.twin.plant.pose.copy()
-        faults.joystick = CENTRED
-        with closing(Program(*drive(served), "--json", str(file))) as program:
-            assert until(lambda: says(program, "must re-arm")), program.errors
-            end = time.monotonic() + PATIENCE
-            while not np.hypot(*(served.twin.plant.pose - place)[:2]) > 0.3:
-                assert time.monotonic() < end, program.errors
-                if abs(served.twin.motion.speed) < 0.01:
-                    rearm_by_hand(faults)  # a busy machine is late, and its shield latches
-                faults.joystick = PUSHED
-                time.sleep(1.5)
-            program.process.send_signal(signal.SIGINT)
-            assert program.process.wait(PATIENCE) == 0
+    faults, place = served.twin.faults, served.twin.plant.pose.copy()
+    faults.joystick = CENTRED
+    with closing(Program(*drive(served), "--json", str(file))) as program:
+        assert until(lambda: says(program, "must re-arm")), program.errors
+        end = time.monotonic() + PATIENCE
+        while not np.hypot(*(served.twin.plant.pose - place)[:2]) > 0.3:
+            assert time.monotonic() < end, program.errors
+            if abs(served.twin.motion.speed) < 0.01:
+                rearm_by_hand(faults)  # a busy machine is late, and its shield latches
+            faults.joystick = PUSHED
+            time.sleep(1.5)
+        program.process.send_signal(signal.SIGINT)
+        assert program.process.wait(PATIENCE) == 0
     record = json.loads(file.read_text())
     assert record["length"] > 0.2
     assert (record["assistant"], record["input"]) == ("slide", "board")
@@ -62,15 +60,14 @@ def test_a_person_drives_with_help_until_ctrl_c(tmp_path):
 
 @pytest.mark.realtime
 @pytest.mark.long
-def test_prompts_are_asked_for_and_recorded(tmp_path):
+def test_prompts_are_asked_for_and_recorded(served, tmp_path):
     file = tmp_path / "session.mcap"
-    with serving(tmp_path) as served:
-        served.twin.faults.joystick = CENTRED
-        words = "--prompts", "--seconds", "4", "--record", str(file)
-        with closing(Program(*drive(served), *words)) as program:
-            assert until(lambda: says(program, "must re-arm")), program.errors
-            rearm_by_hand(served.twin.faults)
-            assert program.process.wait(PATIENCE) == 0, program.errors
+    served.twin.faults.joystick = CENTRED
+    words = "--prompts", "--seconds", "4", "--record", str(file)
+    with closing(Program(*drive(served), *words)) as program:
+        assert until(lambda: says(program, "must re-arm")), program.errors
+        rearm_by_hand(served.twin.faults)
+        assert program.process.wait(PATIENCE) == 0, program.errors
     assert says(program, "push ")
     recorded = read_recording(file)[0]
     assert recorded.labels["prompts"] == schedule(0)

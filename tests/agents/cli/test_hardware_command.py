@@ -12,8 +12,7 @@ from types import SimpleNamespace
 import pytest
 
 from agents.cli import hardware, main
-from tests.conftest import output_of, refusal, until
-from tests.hardware.realtime import serving
+from tests.conftest import output_of, put, refusal, until
 from tests.identification.drives import room
 from tests.sim.worlds import box
 from wheelchair_gym.base.errors import InputError
@@ -26,12 +25,6 @@ from wheelchair_gym.sim.chair import SimulatedChair
 from wheelchair_gym.sim.randomization import exactly
 
 pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
-
-
-@pytest.fixture
-def served(tmp_path):
-    with serving(tmp_path) as twin:
-        yield twin
 
 
 @pytest.mark.realtime
@@ -77,10 +70,8 @@ def test_a_tool_names_the_program_that_has_the_port_and_blames_no_cable(served, 
 
 
 def test_monitor_asks_before_it_resets_a_board(tmp_path, monkeypatch, capsys):
-    config = tmp_path / "config.json"
-    config.write_text(
-        json.dumps({"hardware": {"drive_port": "/dev/null", "range_port": "/dev/null"}})
-    )
+    ports = {"drive_port": "/dev/null", "range_port": "/dev/null"}
+    config = put(tmp_path / "config.json", {"hardware": ports})
     words = ["hardware", "monitor", "--config", str(config), "--seconds", "0.1"]
     monkeypatch.setattr("sys.stdin", io.StringIO(""))
     said = refusal(words, capsys)
@@ -113,8 +104,7 @@ class Driven(SimulatedChair):
 
 def test_calibration_drives_fits_and_writes(tmp_path, monkeypatch, capsys):
     """It writes the chair's own values; without --write it says that the config is off."""
-    config, saved = tmp_path / "chair.json", {}
-    config.write_text("{}")
+    config, saved = put(tmp_path / "chair.json", {}), {}
     words = ["hardware", "calibrate", "--config", str(config)]
     monkeypatch.setattr(hardware, "_chair", lambda settings: Driven(settings, box(1.5)))
     assert main(words) == 1
@@ -210,8 +200,7 @@ def test_re_arming_before_there_is_a_chair_does_nothing(tmp_path, monkeypatch, c
     monkeypatch.setattr(joystick, "load_evdev", lambda: None)
     monkeypatch.setattr(joystick.Joystick.__init__, "__defaults__", (None, lambda _own: device))
     monkeypatch.setattr(hardware, "_chair", no_chair)
-    config = tmp_path / "config.json"
-    config.write_text("{}")
+    config = put(tmp_path / "config.json", {})
     assert "it is away" in refusal(["hardware", "drive", "--config", config], capsys)
 
 

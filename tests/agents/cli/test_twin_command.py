@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from agents.cli import main
-from tests.conftest import ROOT, need_pty, refusal
+from tests.conftest import ROOT, need_pty, put, refusal
 from tests.hardware.conftest import build_twin
 from tests.hardware.served import hear_interrupts
 from wheelchair_gym.envs import EnvSettings, NavigationEnv
@@ -73,8 +73,7 @@ def test_words_break_it_and_mend_it():
 
 def test_policies_are_compared_on_a_twin_whose_plant_differs(tmp_path, capsys):
     build_twin()
-    plant = tmp_path / "plant.json"
-    plant.write_text('{"sensors": {"laser": {"offset": 0.05}}}')
+    plant = put(tmp_path / "plant.json", {"sensors": {"laser": {"offset": 0.05}}})
     ranges = []
     for file in (None, str(plant)):
         chair = {"name": "twin", "plant": file}

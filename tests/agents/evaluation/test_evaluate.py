@@ -60,19 +60,6 @@ def test_two_workers_find_the_same(whole, tmp_path):
     json.dumps(records, allow_nan=False)
 
 
-def test_wrong_input_is_told_before_anything_runs(tmp_path):
-    for policies, scenes, said in (
-        (["nobody"], ["floor_plan"], "nobody"),
-        (["random"], ["nowhere"], "nowhere"),
-    ):
-        with pytest.raises(InputError, match=said):
-            evaluate(policies, scenes, [0], folder=tmp_path, progress=False)
-    blocked = tmp_path / "file"
-    blocked.write_text("")
-    with pytest.raises(InputError, match="cannot be written"):
-        evaluate(["random"], ["floor_plan"], [0], folder=blocked / "x", progress=False)
-
-
 @settings
 class Turning:
     """Somebody's own policy: settings that make it."""
@@ -117,14 +104,17 @@ def test_policies_may_be_objects(tmp_path):
 @pytest.mark.parametrize(
     ("policies", "message"),
     [
+        (["nobody"], "nobody"),
         ([Bare()], "expected a name, an object or policy settings"),
         ([Turning(), Turning(turn=-0.5)], "'Turning': several policies have this name; give each"),
         ([{"name": "a_star"}, {"name": "a_star", "seed": 1}], "'a_star': several policies have"),
     ],
 )
-def test_policies_that_records_could_not_tell_apart_are_refused(tmp_path, policies, message):
+def test_wrong_policies_and_scenes_are_refused_before_anything_runs(tmp_path, policies, message):
     with pytest.raises(InputError, match=message):
         evaluate(policies, ["empty"], [0], env=SHORT, folder=tmp_path, progress=False)
+    with pytest.raises(InputError, match="nowhere"):
+        evaluate(["random"], ["nowhere"], [0], folder=tmp_path, progress=False)
     assert not (tmp_path / STORE).exists()
 
 

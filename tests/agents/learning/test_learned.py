@@ -17,7 +17,7 @@ from agents.learning.weights import Network, load_weights, save_weights, shipped
 from agents.policies import GymPolicy, make_policy
 from agents.policies.learned import BACK, file_digest
 from tests.agents.learning.tiny_runs import ENV, random_weights, tiny, trained_run
-from tests.conftest import ROOT, refusal
+from tests.conftest import ROOT, put, refusal
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv
 
@@ -299,8 +299,8 @@ def test_an_exported_policy_drives_as_its_weights_do(trained, tmp_path, capsys):
     pytest.importorskip("onnxruntime", reason="pip install 'wheelchair_gym[learn]'")
     _, folder = trained
     file = tmp_path / "policy.onnx"
-    own = tmp_path / "own.json"
-    own.write_text(json.dumps({"mine": {"name": str(folder / POLICY), "patience": 5.0}}))
+    mine = {"name": str(folder / POLICY), "patience": 5.0}
+    own = put(tmp_path / "own.json", {"mine": mine})
     assert main(["export", f"{own}:mine", "--onnx", str(file)]) == 0
     actions = {}
     for name in (str(folder / POLICY), str(file)):

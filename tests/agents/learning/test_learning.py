@@ -24,7 +24,7 @@ from agents.learning.folder import POLICY, episode_row, read_curve
 from agents.learning.networks import AsymmetricPolicy, Teacher, actor_arrays
 from agents.learning.run import BATCH, Run, train
 from agents.learning.sb3 import SaveModel
-from agents.learning.settings import RECIPES, Imitation, Training
+from agents.learning.settings import RECIPES, Imitation
 from agents.learning.weights import Layout, Network, load_weights
 from tests.agents.learning.tiny_runs import ENV, ON, PRIVY, tiny, trained_run
 from tests.conftest import ROOT, json_file
@@ -299,8 +299,6 @@ def test_recipes_are_whole_runs(name):
     own = RECIPES[name]
     assert dataclasses.replace(own) == own
     assert own.env_settings().bank.turnover == 0.0  # each checkpoint begins episodes anew
-    with pytest.raises(InputError, match="privileged is for ppo's critic"):
-        Training(algorithm="sac", env=PRIVY)
 
 
 def test_a_row_without_an_episode_that_ended_has_no_share_of_success():

@@ -27,9 +27,9 @@ MISSION = AssistMission(CHAIR, SENSORS, 0.1)
 LIMITS = CHAIR.limits
 
 
-def assisted(name, sticks, scans):
-    """Return an assistant's twists for sticks and scans, 0.1 s apart."""
-    assistant, found = make_assistant(name), []
+def assisted(name, sticks, scans, assistant=None):
+    """Return twists of an assistant, a new one if none is given, for sticks and scans at 10 Hz."""
+    assistant, found = assistant or make_assistant(name), []
     assistant.reset(MISSION)
     for k, (stick, scan) in enumerate(zip(sticks, scans, strict=True)):
         found.append(assistant.assist(stick, reading(scan, (0.2, 0.1), 0.1 * k), None))
@@ -67,12 +67,7 @@ def test_the_same_drive_gives_the_same_twists(name):
     assert one.tobytes() == other.tobytes()
     assistant = make_assistant(name)
     for _ in range(2):  # a second episode is as the first
-        assistant.reset(MISSION)
-        again = [
-            assistant.assist(s, reading(scan, (0.2, 0.1), 0.1 * k), None)
-            for k, (s, scan) in enumerate(zip(sticks, scans, strict=True))
-        ]
-        assert np.array(again).tobytes() == one.tobytes()
+        assert assisted(name, sticks, scans, assistant).tobytes() == one.tobytes()
 
 
 @pytest.mark.parametrize("name", ASSISTANTS)

@@ -3,13 +3,12 @@
 from collections import defaultdict
 from dataclasses import replace
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from scipy import ndimage
 
 from agents.control import local_map
-from agents.evaluation.evaluate import ENV, make_env
+from agents.evaluation.evaluate import make_env
 from agents.evaluation.map_evaluation import map_by_driving, map_quality
 from agents.policies import GymPolicy, make_policy
 from agents.policies.scripted import Manual
@@ -286,8 +285,6 @@ def test_space_behind_a_wall_is_not_unseen_space_behind_the_chair():
 
 
 def test_what_cannot_be_done_in_an_unknown_world_is_refused():
-    with pytest.raises(InputError, match="slam"):
-        gym.make(ENV, guidance="geodesic", pose_source="slam", split="test")
     with pytest.raises(InputError, match="window"):
         Manual().make().reset(None)
 

@@ -379,7 +379,7 @@ def test_the_experimenter_sees_everybody_remarks_and_aborts(opened):
         body = get(served, "/experimenter", **cookie)[2].decode()
         assert "1 of 9" in body
         assert "&lt;dizzy&gt;" in body
-    until_left(served, 23)
+    assert wait_until(lambda: 23 not in served.studio.desk.open)
     assert post(number=23, action="note", text="came back")[0] == 303
     for form in ({"action": "note"}, {"action": "fly", "text": "x"}, {"action": "abort"}):
         for number in (23, 5000 * "9"):
@@ -410,10 +410,6 @@ def test_a_remark_at_the_moment_at_which_a_page_closes_is_stored(tmp_path):
     leaves.join()
     assert [remark["text"] for remark in read_folder(tmp_path)[1][0].remarks] == ["dizzy"]
     assert desk.open == {}
-
-
-def until_left(served, number):
-    assert wait_until(lambda: number not in served.studio.desk.open)
 
 
 @contextmanager
