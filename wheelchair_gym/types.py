@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from wheelchair_gym.actors.records import Actors, check_actors, no_actors
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.settings import FARTHEST, InputError
-from wheelchair_gym.compiled.address import as_array
+from wheelchair_gym.compiled.address import as_array, read_record
 from wheelchair_gym.sensors.settings import SensorSettings
 
 if TYPE_CHECKING:
@@ -23,26 +23,11 @@ if TYPE_CHECKING:
     from wheelchair_gym.geometry.outline import Footprint
     from wheelchair_gym.maps import OccupancyGrid
     from wheelchair_gym.safety.settings import ShieldSettings
-    from wheelchair_gym.sensors.settings import SensorSettings
     from wheelchair_gym.sim.settings import ChairSettings
 
 
-# One report of a drive board about the wheels; pairs are (left, right).
-WHEELS = np.dtype(
-    [
-        ("stamp", "f8"),  # s since the reset of the chair
-        ("counts", "i8", (2,)),  # of the encoders
-        ("speeds", "f8", (2,)),  # m/s at the rims, low-passed, as the board believes them
-        ("duties", "f8", (2,)),
-        ("duty_stamp", "f8"),  # s: middle of the control period in which these duties act
-        ("voltage", "f8"),  # V, of the battery
-        ("set_point", "f8", (2,)),  # m/s, rad/s: after the limits
-        ("command", "f8", (2,)),  # m/s, rad/s: the last one that the host had sent
-        ("echo", "i8"),  # sequence of the last command that the board had accepted; -1: none
-        ("age", "f8"),  # s, of that command
-        ("board_stamp", "f8"),  # s since the reset of the board
-    ]
-)
+# One report of a drive board about the wheels: its fields stand in types.toml.
+WHEELS = read_record("WHEELS", globals())[0]
 
 
 class Stick(NamedTuple):

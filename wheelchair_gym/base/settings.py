@@ -142,10 +142,8 @@ def _bounded(value: Any, metadata: Mapping[str, Any], where: str) -> None:
         if not -largest <= number <= largest:
             low, high = -largest if low is None else low, largest if high is None else high
         if (low is not None and number < low) or (high is not None and number > high):
-            bounds = " and ".join(
-                ([f"at least {low}"] if low is not None else [])
-                + ([f"at most {high}"] if high is not None else [])
-            )
+            pairs = ("at least", low), ("at most", high)
+            bounds = " and ".join(f"{word} {bound}" for word, bound in pairs if bound is not None)
             raise InputError(f"{where} is {shorten(number)}; it must be {bounds}")
 
 

@@ -88,19 +88,8 @@ class Target:
         self.dtype, self.shape = np.dtype(dtype), shape
 
 
-def pointer_record(*fields: tuple[Any, ...]) -> tuple[np.dtype[Any], dict[str, Target]]:
-    """The dtype of a record some of whose fields are addresses, and what these point to.
-
-    Args:
-        fields: (name, `Target`) of an address; (name, dtype) or (name, dtype, shape) of a value.
-    """
-    targets = {name: kind for name, kind, *_ in fields if isinstance(kind, Target)}
-    plain = [(name, "u8") if name in targets else (name, *rest) for name, *rest in fields]
-    return np.dtype(plain, align=True), targets
-
-
 def read_record(name: str, names: Mapping[str, Any]) -> tuple[np.dtype[Any], dict[str, Target]]:
-    """Read the fields of a record from the TOML file beside a module; returns `pointer_record`.
+    """Read a record from the TOML file beside a module: its dtype, and what addresses point to.
 
     A field is a type and a shape: "f8", "f8[3]", "TRACK[TRACKS]". With "&" it is the address of
     such an array, of any length along ":". A field "*" stands for all fields of its type.
@@ -109,16 +98,20 @@ def read_record(name: str, names: Mapping[str, Any]) -> tuple[np.dtype[Any], dic
         name: of the record.
         names: the module's globals: they hold the types and lengths that the file names.
     """
-    file, fields = Path(names["__file__"]).with_suffix(".toml"), list[tuple[Any, ...]]()
+    file = Path(names["__file__"]).with_suffix(".toml")
+    fields, targets = list[tuple[Any, ...]](), dict[str, Target]()
     for field, text in tomllib.loads(file.read_text("utf-8"))[name].items():
         kind, *lengths = re.findall(r"\w+|:", text)
         kind, sides = names.get(kind, kind), (names.get(length, length) for length in lengths)
         shape = tuple(None if side == ":" else int(side) for side in sides)
         if field == "*":
             fields += kind.descr
+        elif "&" in text:
+            fields.append((field, "u8"))
+            targets[field] = Target(kind, *shape)
         else:
-            fields.append((field, Target(kind, *shape)) if "&" in text else (field, kind, shape))
-    return pointer_record(*fields)
+            fields.append((field, kind, shape))
+    return np.dtype(fields, align=True), targets
 
 
 class Pointers:

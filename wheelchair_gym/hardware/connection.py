@@ -5,20 +5,15 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Callable
-from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
+
+from wheelchair_gym.hardware.boards.ports import Port
 
 RETRY = 0.5  # s between attempts to open what is not there
 _MAX_JUMP = 60.0  # s that a clock may jump ahead of this computer's: an hour or a year is an error
 
 
-class Closes(Protocol):
-    """Something that can be closed."""
-
-    def close(self) -> None:
-        """Close it."""
-
-
-Connection = TypeVar("Connection", bound=Closes)
+Connection = TypeVar("Connection", bound=Port)
 
 
 class Reconnecting(Generic[Connection]):

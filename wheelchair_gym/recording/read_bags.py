@@ -61,6 +61,11 @@ class Recorded(NamedTuple):
     type: str  # the name of its schema
     data: bytes
 
+    @property
+    def fields(self) -> dict[str, Any]:
+        """The message of a bag as a dictionary of its fields."""
+        return deserialized(self.type, self.data)
+
 
 def mcap_messages(file: str | Path, wanted: Callable[[str, str], bool]) -> list[Recorded]:
     """Read the messages of a file whose topic and type are wanted, in the order of their times.
@@ -265,12 +270,7 @@ def bag_texts(path: str | Path, topics: Sequence[str]) -> list[tuple[str, str]]:
             "`wheelchair map --recording` reads the scans of every bag"
         )
     with complete(path):
-        return [(names[one.topic], _message(one)["data"]) for one in found]
-
-
-def _message(recorded: Recorded) -> dict[str, Any]:
-    """A message as a dictionary of its fields."""
-    return deserialized(recorded.type, recorded.data)
+        return [(names[one.topic], one.fields["data"]) for one in found]
 
 
 def bag_log(
@@ -296,12 +296,12 @@ def bag_log(
     skipped: Counter[str] = Counter()
     with complete(path):
         for one in static:
-            edges |= {c: (p, pose) for p, c, pose in ros.transforms(_message(one))}
+            edges |= {c: (p, pose) for p, c, pose in ros.transforms(one.fields)}
     poses, base = _odometry(path, found, moving, odometry, skipped)
     messages: list[dict[str, Any]] = []
     for one in scans:
         with _skipping(skipped, "scan"):
-            message = _message(one)
+            message = one.fields
             mount = _mount(edges, ros.frame(message), base)
             messages.append(ros.upright(message, mount is not None and ros.on_floor(mount)[1]))
     if not messages:
@@ -343,7 +343,7 @@ def _fixed(changes: list[Recorded]) -> dict[str, tuple[str, Array]]:
     moving: set[str] = set()
     for one in changes:
         with suppress(Exception):  # of readers, for damaged bytes
-            for parent, child, pose in ros.transforms(_message(one)):
+            for parent, child, pose in ros.transforms(one.fields):
                 was, at = edges.setdefault(child, (parent, pose))
                 if was != parent or np.abs(pose - at).max() > _STANDS:
                     moving.add(child)
@@ -360,13 +360,13 @@ def _odometry(
     if topic or not changes or any(one.type == _ODOMETRY for one in found):
         for one in _of_topic(path, found, _ODOMETRY, topic, "/odom", "--odometry-topic"):
             with _skipping(skipped, "odometry"):
-                message = _message(one)
+                message = one.fields
                 poses[_stamp(message)] = ros.odometry(message)[0]
                 base = str(message["child_frame_id"]).lstrip("/")
         return poses, base
     for one in changes:
         with _skipping(skipped, "transform"):
-            for edge in _message(one)["transforms"]:
+            for edge in one.fields["transforms"]:
                 for parent, child, matrix in ros.transforms({"transforms": [edge]}):
                     if parent.split("/")[-1].startswith("odom"):
                         poses[_stamp(edge)], base = ros.on_floor(matrix)[0], child

@@ -7,7 +7,7 @@ from typing import Any, Final, Protocol
 
 import numpy as np
 
-from wheelchair_gym.base.registry import Registry
+from wheelchair_gym.base.registry import Registry, in_module
 from wheelchair_gym.base.settings import InputError, setting, settings
 from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.scenes.arena import FOOTPRINT
@@ -17,20 +17,15 @@ _PLACE = "wheelchair_gym.scenes"
 SCENES: Final = Registry(
     "scene",
     {
-        "floor_plan": f"{_PLACE}.floor_plan:FloorPlan",
-        "clutter": f"{_PLACE}.arena:Clutter",
-        "crowd": f"{_PLACE}.crowd:Crowd",
-        "people": f"{_PLACE}.crowd:People",
-        "temporary": f"{_PLACE}.crowd:Temporary",
-        "doorway": f"{_PLACE}.arena:Doorway",
+        **in_module(_PLACE, "Mixture"),
+        **in_module(f"{_PLACE}.arena", "Clutter Doorway"),
         "empty": f"{_PLACE}.arena:EmptyRoom",
-        "mixture": f"{_PLACE}:Mixture",
-        "skill": f"{_PLACE}.skill:Skill",
-        "map_file": f"{_PLACE}.map_file:MapFile",
-        "barn": f"{_PLACE}.barn:Barn",
-        "chaotic_pso": f"{_PLACE}.published:ChaoticPso",
-        "grey_wolf": f"{_PLACE}.published:GreyWolf",
-        "design_lab": f"{_PLACE}.published:DesignLab",
+        **in_module(f"{_PLACE}.barn", "Barn"),
+        **in_module(f"{_PLACE}.crowd", "Crowd People Temporary"),
+        **in_module(f"{_PLACE}.floor_plan", "FloorPlan"),
+        **in_module(f"{_PLACE}.map_file", "MapFile"),
+        **in_module(f"{_PLACE}.published", "ChaoticPso DesignLab GreyWolf"),
+        **in_module(f"{_PLACE}.skill", "Skill"),
         **{f"lab_{k}": f"{_PLACE}.published:Lab{k}" for k in range(1, 4)},
         **{f"thesis_{k}": f"{_PLACE}.published:ThesisMap{k}" for k in range(1, 6)},
     },

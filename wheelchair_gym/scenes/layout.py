@@ -18,6 +18,7 @@ from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel, kernel
 from wheelchair_gym.compiled.random import NumpyStream, numpy_integer, numpy_uniform
 from wheelchair_gym.geometry.planar import body_to_world
+from wheelchair_gym.scenes.arena import read_table
 from wheelchair_gym.scenes.raster import CELL, RECT, Rects, cell_count, put, to_cells
 
 Index = NDArray[np.int64]
@@ -201,72 +202,26 @@ def generate_layout(
     return FloorLayout(w, h, lobby, rooms, corridors, openings, along_x[:d], is_door[:d], zones)
 
 
-WALL, FREE, ROUND = range(3)  # where a piece stands: at a wall, or free in the room
-
-
-class Piece(NamedTuple):
-    """A kind of furniture: its extent along the wall and away from it [m]."""
-
-    name: str
-    along: tuple[float, float]  # m, from, to; of a round piece its diameter
-    deep: tuple[float, float]
-    stance: int = WALL
-
-
-Catalogue = tuple[Piece, ...]
-
-BED = Piece("bed", (0.9, 1.6), (2.0, 2.1))
-TABLE = Piece("table", (1.2, 1.8), (0.75, 0.9), FREE)
-ROUND_TABLE = Piece("round table", (0.8, 1.2), (0.0, 0.0), ROUND)
-COLUMN = Piece("column", (0.3, 0.5), (0.0, 0.0), ROUND)
-DESK = Piece("desk", (1.2, 1.6), (0.6, 0.8))
-SHELF = Piece("shelf", (0.8, 1.8), (0.3, 0.45))
-WARDROBE = Piece("wardrobe", (1.0, 2.0), (0.55, 0.65))
-
-LIVING_ROOM: Catalogue = (
-    Piece("sofa", (1.6, 2.3), (0.85, 0.95)),
-    Piece("armchair", (0.8, 0.9), (0.8, 0.9), FREE),
-    SHELF,
-    TABLE,
-    ROUND_TABLE,
-    Piece("kitchen unit", (1.8, 3.0), (0.6, 0.65)),
-)
-HOME_ROOMS: tuple[Catalogue, ...] = (
-    (BED, WARDROBE, Piece("bedside table", (0.45, 0.5), (0.4, 0.45)), DESK),
-    (Piece("kitchen unit", (1.8, 3.0), (0.6, 0.65)), SHELF, ROUND_TABLE, TABLE),
-    (Piece("bath", (1.6, 1.7), (0.7, 0.8)), Piece("basin", (0.6, 0.9), (0.5, 0.5)), SHELF),
-    (DESK, SHELF, Piece("armchair", (0.8, 0.9), (0.8, 0.9), FREE), SHELF),
-)
-LOBBY: Catalogue = (
-    Piece("row of chairs", (1.65, 2.75), (0.55, 0.6)),
-    Piece("counter", (2.0, 3.0), (0.7, 0.9)),
-    COLUMN,
-    ROUND_TABLE,
-    Piece("bench", (1.2, 1.6), (0.45, 0.5), FREE),
-)
-CLINIC_ROOMS: tuple[Catalogue, ...] = (
-    (BED, BED, Piece("cabinet", (0.5, 0.6), (0.45, 0.5)), WARDROBE),
-    (
-        DESK,
-        Piece("couch", (0.65, 0.75), (1.85, 1.95)),
-        Piece("sink", (0.6, 0.8), (0.5, 0.55)),
-        SHELF,
-    ),
-    (TABLE, SHELF, DESK, Piece("row of chairs", (1.1, 2.2), (0.55, 0.6))),
-)
-
-
+_STANCES: Final = ("wall", "free", "round")  # where a piece stands: at a wall, or free in the room
+WALL, FREE, ROUND = range(len(_STANCES))
+_TABLE: Final = read_table("layout")
+_HOME_ROOMS, _LOBBY = 1, 1 + len(_TABLE["HOME_ROOMS"])  # indices of catalogues
+_CLINIC_ROOMS = _LOBBY + 1
+_HOMES, _CLINICS = len(_TABLE["HOME_ROOMS"]), len(_TABLE["CLINIC_ROOMS"])
+_CATALOGUES: Final = (
+    _TABLE["LIVING_ROOM"], *_TABLE["HOME_ROOMS"], _TABLE["LOBBY"], *_TABLE["CLINIC_ROOMS"]
+)  # fmt: skip
 # For kernels: where each catalogue begins, and the pieces of all, one after another.
-_CATALOGUES: Final = (LIVING_ROOM, *HOME_ROOMS, LOBBY, *CLINIC_ROOMS)
 _BEGIN: Final = np.cumsum([0, *map(len, _CATALOGUES)])
-_SIDES: Final = ("along_min", "along_max", "deep_min", "deep_max")
+_SIDES: Final = ("along_min", "along_max", "deep_min", "deep_max")  # m
 _PIECES: Final = np.array(
-    [(*piece.along, *piece.deep, piece.stance) for pieces in _CATALOGUES for piece in pieces],
+    [
+        (*sides, _STANCES.index(stance))
+        for names in _CATALOGUES
+        for *sides, stance in map(_TABLE["PIECES"].get, names)
+    ],
     dtype=[*((side, np.float64) for side in _SIDES), ("stance", np.int64)],
 )
-_HOME_ROOMS, _LOBBY = 1, 1 + len(HOME_ROOMS)  # indices of catalogues
-_CLINIC_ROOMS = _LOBBY + 1
-_HOMES, _CLINICS = len(HOME_ROOMS), len(CLINIC_ROOMS)
 
 
 class Furniture(NamedTuple):

@@ -20,10 +20,9 @@ from numpy.typing import NDArray
 from wheelchair_gym.base.arrays import Array, Floats
 from wheelchair_gym.compiled.address import (
     Pointers,
-    Target,
     doubles_at,
     floats_at,
-    pointer_record,
+    read_record,
     rows_of,
     words_at,
 )
@@ -332,19 +331,7 @@ def sense_laser(
     add_laser_noise(laser, key, step, out)
 
 
-_ARRAYS = ("cosine", "sine", "salt", "mount")
-_VALUES = ("first", "per_angle", "reach", "nearest", "sigma", "no_echo", "bias")
-_NUMBERS = ("number", "start", "shows_free")
-
-SCANNER, _TARGETS = pointer_record(
-    ("beams", "i8"),
-    ("cosine", Target("f4", None)),
-    ("sine", Target("f4", None)),
-    ("salt", Target("u4", None)),
-    ("mount", Target("f8", 3)),
-    *((name, "f8") for name in _VALUES),
-    *((name, "i8") for name in _NUMBERS),
-)
+SCANNER, _TARGETS = read_record("SCANNER", globals())
 scanners_at = rows_of(SCANNER)
 
 
@@ -354,7 +341,8 @@ def scanner_pointers(sensors: SensorSettings, noise: bool) -> Pointers:
     pointers = Pointers(np.zeros(len(lasers), SCANNER), _TARGETS, constant=True)
     for k, (laser, at) in enumerate(zip(lasers, sensors.slices, strict=True)):
         arrays = LaserArrays.of(laser, noise, k, at.start)
-        values = {name: getattr(arrays, name) for name in (*_ARRAYS, *_VALUES, *_NUMBERS)}
+        _, *names = SCANNER.names or ()  # all but beams
+        values = {name: getattr(arrays, name) for name in names}
         pointers.fill(k, beams=laser.beams, **values)
     return pointers
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.settings import InputError, setting, settings
+from wheelchair_gym.compiled.address import read_record
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.compiled.random import PARAMETERS, RANDOMIZATION, normal, uniform
 from wheelchair_gym.engine import GRAVITY
@@ -47,17 +48,7 @@ _BOUNDS: Final[dict[str, tuple[float, float]]] = {
     "physics.slope": (-0.3, 0.3),
 }  # fmt: skip
 
-DRAW = np.dtype(
-    [
-        ("distribution", "i8"),  # 0: not drawn, 1: uniform, 2: normal, 3: in the joint row
-        ("row", "i8"),  # of the joint row's factor
-        ("first", "f8"),  # lower bound, or mean
-        ("second", "f8"),  # upper bound, or standard deviation
-        ("low", "f8"),  # of the values
-        ("high", "f8"),
-    ],
-    align=True,
-)
+DRAW = read_record("DRAW", globals())[0]
 
 
 @settings

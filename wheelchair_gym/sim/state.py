@@ -11,27 +11,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.base.settings import copy_numbers, numbers_of
-from wheelchair_gym.compiled.address import Pointers, Target, pointer_record
+from wheelchair_gym.compiled.address import Pointers, read_record
 from wheelchair_gym.compiled.kernel import inlined
 from wheelchair_gym.engine import ENGINE, engine_record
-from wheelchair_gym.geometry.kinematics import LIMITS
-from wheelchair_gym.sensors.laser import (
+from wheelchair_gym.geometry.kinematics import LIMITS  # noqa: F401 for the records
+from wheelchair_gym.sensors.laser import (  # noqa: F401 for the records
     SCANNER,
     LaserArrays,
     laser_arrays,
     scanner_pointers,
     scanners_at,
 )
-from wheelchair_gym.sensors.settings import (
+from wheelchair_gym.sensors.settings import (  # noqa: F401
     POSE_MAX,
     POSE_SOURCES,
     RANGERS,
     SCANNERS,
     SensorSettings,
 )
-from wheelchair_gym.sensors.ultrasonic import RANGER, ranger_rows, rangers_at
+from wheelchair_gym.sensors.ultrasonic import RANGER, ranger_rows, rangers_at  # noqa: F401
 from wheelchair_gym.signals import SENSED_READING, SENSED_TRUTH
-from wheelchair_gym.sim.randomization import DRAW, JOINED, RANDOMIZED, draws_of, factor_of
+from wheelchair_gym.sim.randomization import (  # noqa: F401
+    DRAW,
+    JOINED,
+    RANDOMIZED,
+    draws_of,
+    factor_of,
+)
 from wheelchair_gym.sim.settings import (
     BatterySettings,
     BodySettings,
@@ -41,14 +47,11 @@ from wheelchair_gym.sim.settings import (
     integer_ratio,
 )
 
-SUITE, _TARGETS = pointer_record(
-    ("n_scanners", "i8"),
-    ("scanners", Target(SCANNER, None)),
-    ("rangers", "i8"),
-    ("ranger_rows", Target(RANGER, None)),
-    ("order", Target("i8", None)),  # ranger that fires k-th
-    *((name, "u8") for name in ENGINE.names or ()),
-)
+BODY, MOTOR, BATTERY = map(numbers_of, (BodySettings, MotorSettings, BatterySettings))
+DRAWS = len(RANDOMIZED)
+SUITE, _TARGETS = read_record("SUITE", globals())
+PARAMETER = read_record("PARAMETER", globals())[0]
+STATE = read_record("STATE", globals())[0]
 
 
 class SensorSuite(Pointers):
@@ -86,131 +89,6 @@ def ranger_of(suite: Any, which: int) -> Any:
     """One of the ultrasonics of a suite's record, a record of RANGER."""
     return rangers_at(suite.ranger_rows, suite.rangers)[which]
 
-
-PARAMETER = np.dtype(
-    [
-        # settings
-        ("body", numbers_of(BodySettings)),
-        ("motor", numbers_of(MotorSettings)),
-        ("battery", numbers_of(BatterySettings)),
-        # the body, as it truly is this episode
-        ("mass", "f8"),  # kg
-        ("moment", "f8"),  # kg m2, about the centre of mass
-        ("friction", "f8"),
-        # wheels, true
-        ("track", "f8"),  # m
-        ("radius_left", "f8"),  # m
-        ("radius_right", "f8"),  # m
-        ("pull", "f8", (2,)),  # m/s2: by gravity on the floor, in the world
-        # motors
-        ("gain", "f8"),
-        # control, with the geometry the chair believes in
-        ("nominal_track", "f8"),  # m
-        ("nominal_radius", "f8"),  # m
-        ("wheel_share", "f8", (2,)),  # radii over the nominal one
-        ("counts_per_metre", "f8"),
-        ("feed_constant", "f8"),  # V s/rad
-        ("limits", LIMITS),
-        # battery
-        ("capacity", "f8"),  # J
-        # what is drawn anew each episode, uniform from, to; errors from minus to plus
-        ("mass_range", "f8", (2,)),  # kg
-        ("friction_range", "f8", (2,)),
-        ("gain_range", "f8", (2,)),
-        ("diameter_error", "f8"),
-        ("track_error", "f8"),
-        # outline, and how it is hurt
-        ("outline", "f8", (3,)),  # front, rear, half width [m]
-        # sensing
-        ("wheel_variance", "f8"),  # m2/m
-        ("pose_source", "i8"),  # index into POSE_SOURCES
-        ("pose_sigma", "f8", (3,)),  # m, m, rad
-        ("pose_max", "f8", (3,)),  # m, m, rad
-        ("pose_time", "f8"),  # s
-        # of each scanner and ranger, as they truly are this episode
-        ("laser_mount", "f8", (SCANNERS, 3)),  # m, m, rad in the chair's frame
-        ("laser_sigma", "f8", (SCANNERS,)),  # m
-        ("laser_bias", "f8", (SCANNERS,)),  # m
-        ("laser_offset", "f8", (SCANNERS,)),  # m
-        ("laser_dropout", "f8", (SCANNERS,)),
-        ("ranger_sigma", "f8", (RANGERS,)),  # m
-        # faults
-        ("fault_share", "f8"),
-        ("fault_onset", "f8", (2,)),  # s: from, to
-        # time
-        ("dt", "f8"),  # s, physics step
-        ("substeps", "i8"),  # in a control period
-        ("delay", "i8"),  # physics steps from a command to its effect
-        ("speed_every", "i8"),  # physics steps between two runs of the speed control
-        ("fire_every", "i8"),  # physics steps between two ultrasonic firings
-        # people
-        ("decide_every", "i8"),  # physics steps between two choices of a velocity
-        # what is drawn anew each episode, read at its reset
-        ("slope", "f8"),  # rad, of the floor
-        ("downhill", "f8"),  # rad, in the world
-        ("draws", DRAW, (len(RANDOMIZED),)),
-        ("joint_factor", "f8", (JOINED, JOINED)),
-    ],
-    align=True,
-)
-
-STATE = np.dtype(
-    [
-        ("key", "u8"),  # of the episode's randomness
-        ("step", "i8"),  # control periods since reset
-        ("tick", "i8"),  # physics steps since reset
-        # set point, m/s and rad/s, and rates of change
-        ("v", "f8"),
-        ("v_rate", "f8"),
-        ("w", "f8"),
-        ("w_rate", "f8"),
-        # what its own driving explains, m/s and rad/s: least and greatest speed, and turn
-        ("explained", "f8", (4,)),
-        # wheels: left, right
-        ("spin", "f8", (2,)),  # rad/s
-        ("turned", "f8", (2,)),  # rad since reset
-        ("counts", "i8", (2,)),  # encoder at the last run of the speed control
-        ("speed", "f8", (2,)),  # m/s, smoothed measurement
-        ("target", "f8", (2,)),  # m/s, smoothed target
-        ("integral", "f8", (2,)),  # V, integral part
-        ("error", "f8", (2,)),  # m/s, of the last run
-        ("duty", "f8", (2,)),
-        # battery
-        ("charge", "f8"),  # J
-        ("voltage", "f8"),  # V
-        ("energy", "f8"),  # J drawn since reset
-        # truth
-        ("pose", "f8", (3,)),  # m, m, rad: drive axle's centre
-        ("twist", "f8", (2,)),  # m/s, rad/s
-        ("distance", "f8"),  # m driven since reset, forward or backward
-        ("contact", "b1"),  # touched anything in this period
-        ("touched", "b1"),  # and since reset
-        ("bumped", "b1"),  # a bumper strip was pressed in this period
-        ("contact_recorded", "b1"),  # the next three describe a contact of this period
-        ("at_fault", "b1"),  # the chair caused a contact in this period
-        ("contact_with", "i8"),  # the actor touched in this period; -1: none
-        ("approach_speed", "f8", (2,)),  # m/s: chair and other, at that contact
-        # what the chair knows
-        ("measured_counts", "i8", (2,)),  # encoder at the last reading
-        ("measured_twist", "f8", (2,)),  # m/s, rad/s
-        ("odometry", "f8", (3,)),  # m, m, rad
-        ("pose_error", "f8", (3,)),  # m, m, rad, of the modelled pose source
-        ("estimated_pose", "f8", (3,)),  # m, m, rad: the chosen pose source
-        ("ranges", "f8", (RANGERS,)),  # m
-        ("fired", "i8", (RANGERS,)),  # tick of each ranger's last firing
-        ("firings", "i8"),  # since reset
-        ("fire_pose", "f8", (RANGERS, 3)),  # pose at the firings of this period, by ranger
-        # what fails
-        ("fault", "i8"),  # index into FAULTS
-        ("fault_step", "i8"),  # the first reading that is wrong
-        ("fault_scanner", "i8"),  # the scanner that fails
-        ("frozen_twist", "f8", (2,)),  # the last right values
-        ("frozen_pose", "f8", (3,)),
-        ("frozen_ranges", "f4", (RANGERS,)),
-        ("frozen_age", "f4", (RANGERS,)),
-    ],
-    align=True,
-)
 
 # Faults of a laser whose scans look right.
 DECEITS = (

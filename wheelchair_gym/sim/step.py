@@ -23,11 +23,10 @@ from wheelchair_gym.actors.separation import choose_who_may_touch, move_the_othe
 from wheelchair_gym.actors.social_force import apply_social_forces
 from wheelchair_gym.base.arrays import Array, Floats
 from wheelchair_gym.compiled.address import (
-    Target,
     field_at,
     integers_at,
-    pointer_record,
     prefetch,
+    read_record,
     rows_of,
     table_at,
 )
@@ -184,18 +183,7 @@ def drive_period(
 
 JOULES_PER_WH = 3600.0
 
-# Rows of chairs by address: a call takes a microsecond for each array, and for this record once.
-CHAIRS, CHAIRS_TARGETS = pointer_record(
-    ("n", "i8"),  # rows
-    ("suite", Target(SUITE, 1)),
-    ("base", Target(PARAMETER, 1)),  # the parameters that the settings give
-    ("blank", Target(STATE, 1)),  # zeros
-    ("parameters", Target(PARAMETER, None)),
-    ("states", Target(STATE, None)),
-    ("worlds", Target(WORLD, None)),
-    ("workspace", Target("f4", WORKSPACE_ROWS, None)),  # overwritten by each scan
-    ("columns", "i8"),  # of the workspace
-)
+CHAIRS, CHAIRS_TARGETS = read_record("CHAIRS", globals())
 _STATE_SIZE = STATE.itemsize
 _PARAMETER_SIZE = dict(PARAMETER.fields or {})["slope"][1]  # bytes that are read in each step
 _suites_at, _parameters_at, _states_at, _worlds_at = map(rows_of, (SUITE, PARAMETER, STATE, WORLD))

@@ -22,7 +22,7 @@ import numpy as np
 import pymunk
 from numpy.typing import NDArray
 
-from wheelchair_gym.actors.bodies import (
+from wheelchair_gym.actors.bodies import (  # noqa: F401 for the record
     ACTOR_STATE,
     PARKING,
     add_actors,
@@ -32,10 +32,10 @@ from wheelchair_gym.actors.bodies import (
     write_actor_shapes,
 )
 from wheelchair_gym.actors.orca import HALF_PLANES
-from wheelchair_gym.actors.records import ACTOR, Actors
+from wheelchair_gym.actors.records import ACTOR, Actors  # noqa: F401
 from wheelchair_gym.actors.separation import FASTEST, STEPS_REMEMBERED
 from wheelchair_gym.base.arrays import Array, Floats
-from wheelchair_gym.compiled.address import Pointers, Target, integers_at, pointer_record, table_at
+from wheelchair_gym.compiled.address import Pointers, integers_at, read_record, table_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.engine import (
     UNIT_BOX,
@@ -164,47 +164,8 @@ def outline_clearance(
 
 Integers = NDArray[np.int64]
 
-_PAIRS = Target("u8", None, 2)  # addresses of a cpBody and its cpShape
-WORLD, TARGETS = pointer_record(
-    ("space", "u8"),  # address of the cpSpace
-    ("body", "u8"),  # address of the chair's cpBody
-    ("static_body", "u8"),  # address of the Space's own cpBody
-    ("surface", "u8"),  # address of a cpShape with the friction and filter of walls
-    ("segments", Target("u8", None)),  # addresses of cpSegmentShapes; 0: not made yet
-    ("circles", Target("u8", None)),  # addresses of cpCircleShapes; 0: not made yet
-    ("walls_held", Target("i8", None)),  # which wall each of the segments in the Space is
-    ("discs_held", Target("i8", None)),
-    ("walls_in_space", "i8"),
-    ("discs_in_space", "i8"),
-    ("clearance", "f8"),  # m, of the outline at the end of the last period
-    ("free", "f8"),  # m: how far its points may move before any can touch something
-    ("furnished", "f8"),  # m: and before one can touch what is not in the Space
-    ("walls", Target("f8", None, 4)),  # m: walls and discs of this episode
-    ("discs", Target("f8", None, 3)),
-    ("n_walls", "i8"),
-    ("n_discs", "i8"),
-    ("n_fixed_walls", "i8"),  # how many of them stay; the others are what actors show
-    ("n_fixed_discs", "i8"),
-    ("actors", Target(ACTOR, None)),
-    ("routes", Target("f8", None, 2)),  # m: of all people
-    ("n_actors", "i8"),
-    ("n_routes", "i8"),
-    ("n_headed", "i8"),  # people who walk by the social force model
-    ("actor_states", Target(ACTOR_STATE, None)),
-    ("n_bodies", "i8"),  # of actors that have bodies
-    ("spare_discs", _PAIRS),
-    ("spare_boxes", _PAIRS),
-    ("spare_leaves", _PAIRS),
-    ("world_walls", Target("f8", None)),  # this world's own walls and discs, actors among them
-    ("world_discs", Target("f8", None)),
-    ("snapshots", Target("f8", RANGERS, None)),  # what each ranger saw of the actors
-    ("snapshot_size", "i8"),
-    ("half_planes", Target("f8", 2 * HALF_PLANES, 4)),  # workspace
-    ("drives", Target("f8", None, 3)),  # v, w, protective of each drive of this episode
-    ("drives_capacity", "i8"),
-    ("past_scans", Target("f4", None)),  # of a laser that may fail; 0: none ever does
-    ("friction", "f8"),  # of the outline on walls and things
-)
+HALF_PLANE_ROWS = 2 * HALF_PLANES  # of the workspace
+WORLD, TARGETS = read_record("WORLD", globals())
 
 # A leaf slides inside its wall, and its hinge is in one: nothing has to look for that contact.
 FIXED: Final = pymunk.ShapeFilter(categories=1)

@@ -169,10 +169,6 @@ class EmulatedBoard(NotCopyable):
         """Turn a quadrature encoder on pins (bit, bit + 1) evenly until a cycle [counts]."""
         self._library.board_turn(self._board, port.encode(), bit, start, end, until)
 
-    def set_voltage(self, channel: int, volts: float) -> None:
-        """Set the voltage at an analogue input [V]."""
-        self._library.board_voltage(self._board, channel, round(volts * 1000.0))
-
     def read_memory(self, address: int) -> int:
         """A byte of data memory: register or RAM."""
         return int(self._library.board_peek(self._board, address))
@@ -204,14 +200,11 @@ class EmulatedBoard(NotCopyable):
         ends = (trigger[0].encode(), trigger[1], echo[0].encode(), echo[1])
         self._library.board_pulse_sonar(self._board, *ends)
 
-    def add_bus_sonar(self, address: int) -> None:
-        """Wire the next SRF08."""
-        self._library.board_bus_sonar(self._board, address)
-
     def call(self, name: str, *arguments: Any) -> Any:
         """Call another function of emulator.c on this board: `board_overruns` as "overruns".
 
         Some measure: bytes that a line lost, how long an interrupt waits, when a pin changes.
+        Others set the voltage at an analogue input [mV], or wire the next SRF08.
         """
         return getattr(self._library, f"board_{name}")(self._board, *arguments)
 

@@ -115,7 +115,7 @@ class Twin:
         for i in range(4):
             self.range.add_pulse_sonar(("D", 4 + i), ("B", i))
         for i in range(len(self.plant.chair.sensors.ultrasonic.mounted) - 4):
-            self.range.add_bus_sonar(_BUS_SONAR + 2 * i)
+            self.range.call("bus_sonar", _BUS_SONAR + 2 * i)
         self.range.on_ping(self._ping)
         self.lasers = [
             TwinLaser(functools.partial(self.plant.scan, which=k), laser, lambda: self.steps)
@@ -185,7 +185,7 @@ class Twin:
         until = self.steps * CYCLES
         self._set_switches()
         battery = motion.battery if self.faults.battery is None else self.faults.battery
-        self.drive.set_voltage(0, battery / BATTERY_FULL * ADC_FULL)
+        self.drive.call("voltage", 0, round(battery / BATTERY_FULL * ADC_FULL * 1000.0))
         counts = motion.left - before.left, motion.right - before.right
         for wheel, count in enumerate(counts):
             if self.faults.disconnected_encoders[wheel]:

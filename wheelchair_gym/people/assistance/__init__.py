@@ -11,23 +11,15 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from wheelchair_gym.base.errors import shorten
-from wheelchair_gym.base.registry import Registry
+from wheelchair_gym.base.registry import Registry, in_module
 from wheelchair_gym.base.settings import InputError
 
 __all__ = ["COMPILED", "make_compiled"]
 
 # Settings class of every compiled assistant.
-COMPILED: Final = Registry(
-    "assistant",
-    {
-        "direct": "wheelchair_gym.people.assistance.methods:Direct",
-        "shared_dwa": "wheelchair_gym.people.assistance.methods:SharedDwa",
-        "shield": "wheelchair_gym.people.assistance.methods:Shielded",
-        "slide": "wheelchair_gym.people.assistance.methods:Slide",
-        "teleop": "wheelchair_gym.people.assistance.methods:Teleop",
-        "vfh": "wheelchair_gym.people.assistance.methods:Vfh",
-    },
-)
+_METHODS: Final = "wheelchair_gym.people.assistance.methods"
+_OWN: Final = in_module(_METHODS, "Direct SharedDwa Slide Teleop Vfh")
+COMPILED: Final = Registry("assistant", {"shield": f"{_METHODS}:Shielded", **_OWN})
 
 
 def make_compiled(spec: str | Mapping[str, Any] | Any) -> Any:
