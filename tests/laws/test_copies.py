@@ -176,7 +176,8 @@ def begin_policy(driven):
     return seen
 
 
-DRIVERS = [name for name in POLICIES if name not in ("manual", "learned", "planned", "sb3")]
+OTHERS = "manual", "learned", "planned", "ros", "sb3"  # driven by a person, a file or a program
+DRIVERS = [name for name in POLICIES if name not in OTHERS]
 
 
 @pytest.mark.parametrize("name", [*DRIVERS, *(f"a_star+{name}" for name in FOLLOWERS), *shipped()])

@@ -14,7 +14,7 @@ from wheelchair_gym.types import Command, Mission, Reading, Truth
 
 STEPS = 15
 # A policy that needs a window's keys, and families that stand here by their members.
-SCRIPTED = sorted(set(POLICIES) - {"manual", "learned", "planned", "sb3"})
+SCRIPTED = sorted(set(POLICIES) - {"manual", "learned", "planned", "ros", "sb3"})
 PLANNED = [f"a_star+{name}" for name in sorted(FOLLOWERS)]
 POLICIES = [*SCRIPTED, *sorted(shipped()), *PLANNED, "lattice+window"]
 NONSENSE = Truth(np.full(3, np.nan), np.full(2, np.nan), np.nan, True, True, np.nan, np.nan)
