@@ -136,6 +136,7 @@ def test_results_are_verified_and_changed_ones_are_found(tmp_path, capsys):
     assert "'tinny' is unknown" in refusal([*words[:4], "tinny"], capsys)
 
 
+@pytest.mark.realtime
 def test_a_program_that_knows_ros_alone_can_enter(tmp_path):
     """Its drives are in real time, so that `verify` compares outcomes."""
     pytest.importorskip("websockets", reason="pip install 'wheelchair_gym[ros]'")
