@@ -97,20 +97,19 @@ class GymPolicy:
         return command.as_action(self._limits)
 
 
-def checked(command: Any, policy: Policy) -> Command:
+def checked(command: Command, policy: Policy) -> Command:
     """A policy's answer, if it is a command.
 
     Raises:
         InputError: it is something else.
     """
-    shown = isinstance(command, Command) and isinstance(command.shown, Shown)
-    if not shown or np.shape(command.twist) != (2,):
+    known = isinstance(command, Command) and isinstance(command.shown, Shown)
+    if not known or np.shape(command.twist) != (2,):
         raise InputError(
             f"{type(policy).__name__}.act gave {shorten(command)}; expected a Command with a twist "
             "of two numbers [m/s, rad/s]"
         )
-    answer: Command = command
-    return answer
+    return command
 
 
 def make_policy(spec: str | Mapping[str, Any] | Any) -> Policy:

@@ -173,8 +173,7 @@ def _serve(spec: Any, pipe: Connection) -> None:
     with suppress(EOFError, OSError):
         while True:
             call, driver, value, gone = pipe.recv()
-            answer: dict[str, Any] = {"failure": ""}
-            policy = b""
+            answer, policy = dict[str, Any](failure=""), b""
             for one in gone:
                 policies.pop(one, None)
             try:

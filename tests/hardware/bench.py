@@ -56,7 +56,7 @@ class Bench(NativeDrive):
             self.step(period)
 
     def by_hand(self, seconds: float, **stick) -> None:
-        """Let time pass with a hand at the stick, a frame each 10 ms."""
+        """Run for some seconds with a hand at the stick, a frame every 10 ms."""
         for _ in range(round(seconds / 0.01)):
             self.stick(ibus(**stick))
             self.run(0.01)

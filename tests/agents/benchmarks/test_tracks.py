@@ -145,13 +145,13 @@ def test_a_program_that_knows_ros_alone_can_enter(tmp_path):
     words = ["-c", COMES_LATER, f"ws://127.0.0.1:{port}", ROOT / "examples/ros_pure_pursuit.py"]
     with subprocess.Popen([sys.executable, *words]) as client:
         spec = {"name": "ros", "port": port, "speed": 3.0}
-        result, path = tracks.run(spec, "tiny", tmp_path, progress=False)
+        result, path = tracks.run(spec, "tiny", tmp_path, jobs=2, progress=False)
         agrees, text = tracks.verify(path, 1, progress=False)
         client.kill()
     assert result["success"] == 1.0
     assert result["spec"] == spec
     assert agrees
-    assert "in real time" in text
+    assert "or real time" in text
 
 
 @pytest.mark.parametrize("elsewhere", [False, True])
