@@ -176,8 +176,7 @@ def begin_policy(driven):
     return seen
 
 
-OTHERS = "manual", "learned", "planned", "ros", "sb3"  # driven by a person, a file or a program
-DRIVERS = [name for name in POLICIES if name not in OTHERS]
+DRIVERS = sorted(set(POLICIES) - {"manual", "learned", "planned", "ros", "sb3"})
 
 
 @pytest.mark.parametrize("name", [*DRIVERS, *(f"a_star+{name}" for name in FOLLOWERS), *shipped()])
