@@ -263,7 +263,7 @@ def irsim_rate(settings: EnvSettings, episode: Episode, seconds: float) -> float
         env.step(twists[done % 64].reshape(2, 1))
         env.get_lidar_scan()
         if env.robot.collision:
-            env.reset()
+            env.robot.reset()
         done += 1
     spent = time.perf_counter() - begun
     env.end()
