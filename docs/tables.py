@@ -4,9 +4,8 @@ A page holds `<!-- figures: NAME -->`, the table and `<!-- end -->`; a function 
 table from result files, docs/results/data/*.json, and from the cards of the shipped weights. The
 words of pages, columns and rows stand in docs/tables.yaml.
 `python docs/tables.py take NAME FILE` makes such a file from the results.json of a comparison, the
-env.json of `wheelchair bench env`, the t1-agreement.json or the t1-budget.json of `wheelchair
-study`: counts and means, from which intervals follow. `wheelchair study` itself writes the
-verdicts.csv of agents/data.
+env.json of `wheelchair bench env`, the t1-agreement.json, t1-budget.json or verdicts.csv of
+`wheelchair study`: counts and means, from which intervals follow.
 `python docs/tables.py run [NAME ...]` (`make results`) repeats the commands of result files, of all
 without a name, and takes what they find; finished episodes are kept, so that it can be stopped.
 Maps that a command names are those of the folder from which it is called.
@@ -15,7 +14,6 @@ Maps that a command names are those of the folder from which it is called.
 
 from __future__ import annotations
 
-import csv
 import json
 import re
 import shlex
@@ -72,6 +70,8 @@ def condensed(content: Mapping[str, Any]) -> dict[str, Any]:
         "machine": {key: source["machine"][key] for key in ("cpu", "cores")},
         "versions": source["versions"],
     }
+    if "verdicts" in content:
+        return {**head, "command": "wheelchair study all", "rows": content["verdicts"]}
     if "readings" in content:
         return {**head, "runs": content["runs"], "rows": content["readings"] or content["gains"]}
     if "records" not in content:
@@ -172,17 +172,22 @@ def compared(
 
 
 def take(name: str, file: Path) -> Path:
-    """Write a result file from results.json or env.json, one row a line.
+    """Write a result file from results.json, env.json or verdicts.csv, one row a line.
 
     Raises:
         InputError: the file cannot be read, or holds something else.
     """
     try:
-        found = condensed(read_json(file))
-    except (KeyError, TypeError, AttributeError):
+        if file.name == "verdicts.csv":
+            of_all = [read_json(file.with_name(f"{name}.json")) for name in STUDIES]
+            verdicts = [{"study": of["name"], **claim} for of in of_all for claim in of["claims"]]
+            found = condensed({**of_all[0], "verdicts": verdicts})
+        else:
+            found = condensed(read_json(file))
+    except (LookupError, TypeError, AttributeError):
         raise InputError(
             f"{file}: expected results.json of `wheelchair compare`, env.json of `wheelchair bench "
-            "env` or t1-agreement.json of `wheelchair study`"
+            "env`, or t1-agreement.json or verdicts.csv of `wheelchair study`"
         ) from None
     rows = ",\n  ".join(json.dumps(row) for row in found.pop("rows"))
     head = "".join(f" {json.dumps(key)}: {json.dumps(value)},\n" for key, value in found.items())
@@ -207,15 +212,16 @@ def measure(names: Sequence[str], kept: bool = True) -> list[str]:
             raise InputError(f"result file {name!r} is unknown; known: {', '.join(known)}")
     for name in names or known:
         words = shlex.split(results(name)["command"])[1:]
-        folder = ROOT / "runs" / ("results" if kept else "tried") / name
-        more = ["--no-video"] if words[0] == "compare" else []
+        of = "study" if words[0] == "study" else name  # studies share their runs
+        folder = ROOT / "runs" / ("results" if kept else "tried") / of
         few = {"compare": ["--episodes", "1"], "study": ["--runs", "2"], "bench": []}
-        more += [] if kept else few[words[0]]
+        more = ["--no-video"] * (words[0] == "compare") + ([] if kept else few[words[0]])
         if kept and words[0] == "bench" and find_spec("irsim") is None:
             raise InputError(f"{name} measures IR-SIM, too: pip install 'wheelchair_gym[peers]'")
         print(f"{name}: wheelchair {shlex.join(words)}", flush=True)
         command = [sys.executable, "-m", "wheelchair_gym", *words, *more, "--out", str(folder)]
-        written = {"compare": "results.json", "bench": "env.json", "study": f"{words[1]}.json"}
+        study = "verdicts.csv" if words[1] == "all" else f"{words[1]}.json"
+        written = {"compare": "results.json", "bench": "env.json", "study": study}
         if subprocess.run(command, check=False).returncode:
             failed.append(name)
         elif kept:
@@ -369,14 +375,8 @@ def measured() -> str:
 
 
 def published_verdicts(study: str = "") -> list[dict[str, Any]]:
-    """Return the verdicts of one study or of all, with figures as numbers, None where missing.
-
-    They stand in agents/data/verdicts.csv, which a run of all studies writes.
-    """
-    figures = "printed", "effect", "low", "high", "margin"
-    text = (ROOT / "agents" / "data" / "verdicts.csv").read_text(encoding="utf-8")
-    rows = [row for row in csv.DictReader(text.splitlines()) if study in ("", row["study"])]
-    return [row | {k: float(row[k]) if row[k] else None for k in figures} for row in rows]
+    """Return the verdicts of one study or of all."""
+    return [row for row in results("verdicts")["rows"] if study in ("", row["study"])]
 
 
 def claims() -> str:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import errno
+import fcntl
+import mmap
 import os
 import pty
 import subprocess
@@ -9,8 +12,12 @@ import sys
 from pathlib import Path
 
 import pytest
+from numba.core.caching import CacheImpl
 
 from tests.conftest import ROOT, need_pty
+from wheelchair_gym.base.settings import InputError
+from wheelchair_gym.compiled import kernel, second_process
+from wheelchair_gym.envs import results
 
 # Three kernels, one calling the next, and one that assigns to a slice.
 TOY = """
@@ -310,3 +317,16 @@ def test_a_process_that_hangs_with_a_lock_delays_the_others_only(tmp_path):
     ran = run(tmp_path, code)
     assert ran.stdout == "13.0\n", ran.stderr
     assert "waiting for another process" in ran.stderr
+
+
+def test_a_system_may_lack_folders_locks_and_large_pages(monkeypatch, tmp_path):
+    def no_lock(*_):
+        raise OSError(errno.ENOLCK, "no locks available")
+
+    monkeypatch.setattr(fcntl, "flock", no_lock)
+    monkeypatch.setattr(mmap, "MADV_HUGEPAGE", 9999)  # which no kernel knows
+    monkeypatch.setattr(CacheImpl, "_locator_classes", [])
+    with second_process.locked(tmp_path / "lock"):
+        assert len(results._fresh_memory(1 << 21)) == 1 << 21
+    with pytest.raises(InputError, match="set NUMBA_CACHE_DIR"):
+        kernel.kernel(lambda x: x)

@@ -11,7 +11,7 @@ import pytest
 from agents.control import FOLLOWERS, make_follower
 from agents.evaluation.evaluate import drive_episode, episode_key, evaluate
 from agents.evaluation.runs import run_key, source_digest
-from agents.policies import GymPolicy, make_policy
+from agents.policies import make_policy
 from planners import make_planner
 from wheelchair_gym.base.registry import Registry, imported, places_in
 from wheelchair_gym.base.settings import InputError
@@ -134,15 +134,8 @@ class List(Planner):
     )
     env = NavigationEnv("empty")
     for policy, words in ((f"{theirs}:Bare", "a Command"), (f"{theirs}:List+window", "a Plan")):
-        driver = GymPolicy(make_policy(policy), env)
-        env.reset(seed=0)
-
-        def first_action(driver=driver):
-            driver.reset()
-            driver.act({})
-
         with pytest.raises(InputError, match=f"expected {words}"):
-            first_action()
+            drive_episode(env, make_policy(policy), 0)
 
 
 def test_an_error_in_a_policy_ends_with_the_policy_and_the_step(theirs, tmp_path):

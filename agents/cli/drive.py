@@ -22,10 +22,11 @@ from agents.people import is_shielded
 from agents.people.recorded_stick import open_loop
 from agents.policies import GymPolicy, make_policy
 from agents.watch import Each, ignore
+from wheelchair_gym.base.errors import load_extra
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs.settings import env_settings as complete_env_settings
 from wheelchair_gym.geometry.outline import best_clearance_heading
-from wheelchair_gym.hardware.joystick import ANY, load_evdev
+from wheelchair_gym.hardware.joystick import ANY
 from wheelchair_gym.hardware.registry import chair_settings, check_extras
 from wheelchair_gym.hardware.settings import HardwareSettings
 from wheelchair_gym.maps import FREE, OCCUPIED, MapWithWalls, read_any_map
@@ -204,7 +205,7 @@ def assisted(given: argparse.Namespace) -> int:
     rehearsed = dataclasses.replace(config.sensors, pose_source="truth")
     hand = config.hardware.joystick
     if given.input == "gamepad":
-        load_evdev()
+        load_extra("evdev")
         hand = dataclasses.replace(hand, device=hand.device or ANY)
     config = dataclasses.replace(
         config, task=dataclasses.replace(config.task, bump_ends=False),

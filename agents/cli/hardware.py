@@ -18,6 +18,7 @@ from agents.cli.fit import findings_table, judged
 from agents.deploy import end_as_by_ctrl_c, listen_for_rearm
 from agents.deploy import to_stderr as _log
 from agents.evaluation.provenance import write_text
+from wheelchair_gym.base.errors import load_extra
 from wheelchair_gym.base.settings import InputError, dump, read_json
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.hardware import joystick
@@ -217,7 +218,7 @@ def drive(given: argparse.Namespace) -> int:
     config = settings.hardware.joystick
     if not config.device:
         config = dataclasses.replace(config, device=joystick.ANY)
-    joystick.load_evdev()
+    load_extra("evdev")
     chair: Any = None  # there is none yet while a person finds the joystick
     stick = joystick.Joystick(config, lambda: chair and chair.rearm())
     _await_joystick(stick, settings.chair.limits, given.timeout)

@@ -58,11 +58,9 @@ def _explored(given: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
         env = make_env(scene, {"config": config}, mode)
     try:
         with progress(round(given.time), not given.quiet, "s") as bar:
-
-            def count_seconds(env: Any) -> None:
-                bar.update(env.unwrapped.task.reading.stamp - bar.n)
-
-            env, each = watch(given).on(env, count_seconds)
+            env, each = watch(given).on(
+                env, lambda env: bar.update(env.unwrapped.task.reading.stamp - bar.n)
+            )
             real = bool(given.chair)
             made = map_by_driving(env, policy, given.seed, given.time, each, real=real)
     finally:

@@ -277,7 +277,11 @@ class Keyboard:
         """See `StickSource.stick`."""
         if not self.open or now - self._read_at > _SILENT:
             return CENTRED, stops.NO_STICK
-        return Stick(*self._tilt(), False), stops.BY_HAND if self._manual else ""
+        up, down, left, right = (any(key in self._held for key in keys) for keys in self._ways)
+        slow = {self._pygame.K_LSHIFT, self._pygame.K_RSHIFT} & self._held
+        share = _SLOW if slow else 1.0
+        stick = Stick(share * (up - down), share * (left - right), False)
+        return stick, stops.BY_HAND if self._manual else ""
 
     def __call__(self, now: float, limits: Limits) -> Array | None:
         """See `HardwareChair.joystick`: by hand, without an assistant; M begins and ends it."""
@@ -285,12 +289,6 @@ class Keyboard:
             return None
         stick, _ = self.stick(now)
         return np.array(limits.twist_of(self._share * stick.forward, self._share * stick.left))
-
-    def _tilt(self) -> tuple[float, float]:
-        up, down, left, right = (any(key in self._held for key in keys) for keys in self._ways)
-        slow = {self._pygame.K_LSHIFT, self._pygame.K_RSHIFT} & self._held
-        share = _SLOW if slow else 1.0
-        return share * (up - down), share * (left - right)
 
     def close(self) -> None:
         """Close the window."""

@@ -114,11 +114,14 @@ class IsolatedDriver:
 
     def act(self, reading: Reading) -> Command:
         """See `Policy.act`."""
-        found = self._ask("act", reading)
-        twist, action = found["twist"], found["action"]
-        shown = Shown(status=str(found["status"]), plans=int(found["plans"]))
-        action = None if action is None else np.array(action, np.float64)
-        return Command(np.array(twist, np.float64), shown, action, bool(found["done"]))
+        try:
+            found = self._ask("act", reading)
+            twist, action = found["twist"], found["action"]
+            shown = Shown(status=str(found["status"]), plans=int(found["plans"]))
+            action = None if action is None else np.array(action, np.float64)
+            return Command(np.array(twist, np.float64), shown, action, bool(found["done"]))
+        except (LookupError, TypeError, ValueError, OverflowError) as error:
+            raise RuntimeError("the policy's process answered with no command") from error
 
     def _ask(self, call: str, value: Any) -> Any:
         worker, pipe, gone = self._process.worker, self._process.pipe, self._process.gone

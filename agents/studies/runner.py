@@ -233,7 +233,6 @@ def find_studies(name: str) -> list[Study]:
 
 
 STORE = "runs.jsonl"
-VERDICTS = "verdicts.csv"
 FORMAT = 1
 
 
@@ -322,7 +321,7 @@ def run_studies(
         for name, chapter in chapters.items()
         for claim in chapter["claims"]
     ]
-    write_text(folder / VERDICTS, tables.csv_table(verdicts))
+    write_text(folder / "verdicts.csv", tables.csv_table(verdicts))
     source["wall_time_s"] = round(time.perf_counter() - started, 1)
     write_studies_page(
         folder / "report.html", title or "The experiments of the sources, repeated", page,

@@ -5,6 +5,8 @@ from __future__ import annotations
 import reprlib
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib import import_module
+from typing import Any
 
 
 class InputError(ValueError):
@@ -26,6 +28,23 @@ def imports(what: str, extra: str) -> Iterator[None]:
         yield
     except ImportError:
         raise InputError(f"{what}: pip install 'wheelchair_gym[{extra}]'") from None
+
+
+_PACKAGES = {  # what needs them, and the extra that has them
+    "serial": ("boards at serial ports need", "hardware"),
+    "evdev": ("a joystick needs", "hardware"),
+    "websockets.sync": ("a chair under ROS needs", "ros"),
+}
+
+
+def load_extra(package: str) -> Any:
+    """A package that only some need: pyserial, evdev or websockets, by the name of its import.
+
+    Raises:
+        InputError: see `imports`.
+    """
+    with imports(*_PACKAGES[package]):
+        return import_module(package)
 
 
 _SHORT = reprlib.Repr()

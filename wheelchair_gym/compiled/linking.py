@@ -30,6 +30,7 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.environment import lookup_environment
 from numba.core.registry import CPUDispatcher, CPUTarget, cpu_target
 
+from wheelchair_gym.base.errors import InputError
 from wheelchair_gym.compiled.clock import standing_still
 from wheelchair_gym.compiled.second_process import locked, progress
 
@@ -150,6 +151,9 @@ class Part(CPUDispatcher):
         function: to compile.
         digest: of all that it depends on; what was compiled for another digest is stale.
         options: numba's, by name.
+
+    Raises:
+        InputError: there is no writable folder for what is compiled.
     """
 
     targetdescr = _Target()
@@ -158,7 +162,11 @@ class Part(CPUDispatcher):
     def __init__(self, function: Callable[..., Any], digest: str, options: dict[str, Any]) -> None:
         super().__init__(function, {}, options | {"nopython": True, "boundscheck": None})
         self.source_digest = digest
-        self.enable_caching()
+        try:
+            self.enable_caching()
+        except RuntimeError:  # numba found no folder
+            unwritable = "no folder for compiled kernels is writable: set NUMBA_CACHE_DIR to one"
+            raise InputError(unwritable) from None
         cache = self._cache._cache_file
         cache._source_stamp, load = digest, cache._load_index
 

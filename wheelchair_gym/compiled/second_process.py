@@ -142,11 +142,11 @@ def locked(path: Path) -> Iterator[None]:
 
 
 def _take(file: IO[bytes]) -> bool:
-    """Take the lock of a file if nobody holds it, and return whether it was taken."""
+    """Take the lock of a file, and return whether nobody else holds it, as far as can be known."""
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
+    except OSError as error:  # another one: a file system without locks
+        return not isinstance(error, BlockingIOError)
     return True
 
 

@@ -9,6 +9,7 @@ import math
 import mmap
 from collections import deque
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from sys import getrefcount
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
@@ -67,10 +68,11 @@ def columns_of(start: Any, n: int) -> Columns:
 
 def _fresh_memory(size: int) -> Any:
     """Return memory of `size` bytes, in large pages where these are of use and available."""
-    if size < _LARGE or not hasattr(mmap, "MADV_HUGEPAGE"):
+    if size < _LARGE:
         return bytearray(size)
     memory = mmap.mmap(-1, size)
-    memory.madvise(mmap.MADV_HUGEPAGE)
+    with suppress(AttributeError, OSError):  # another system, or a kernel without large pages
+        memory.madvise(mmap.MADV_HUGEPAGE)
     return memory
 
 

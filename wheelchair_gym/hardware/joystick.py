@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from wheelchair_gym.base.arrays import Array
-from wheelchair_gym.base.errors import imports
+from wheelchair_gym.base.errors import load_extra
 from wheelchair_gym.base.settings import InputError, setting, settings
 from wheelchair_gym.geometry.kinematics import Limits
 from wheelchair_gym.hardware.connection import Reconnecting
@@ -60,25 +60,14 @@ class JoystickSettings:
 Opener = Callable[[JoystickSettings], Any]  # returns an `evdev.InputDevice`
 
 
-def load_evdev() -> Any:
-    """The package evdev.
-
-    Raises:
-        InputError: the extra 'hardware' is not installed.
-    """
-    with imports("a joystick needs", "hardware"):
-        import evdev
-    return evdev
-
-
 def open_evdev(settings: JoystickSettings) -> Any:
     """Open the joystick of the settings, or the first that has its axes and its button.
 
     Raises:
-        InputError: see `load_evdev`.
+        InputError: the extra 'hardware' is not installed.
         OSError: there is none.
     """
-    evdev = load_evdev()
+    evdev = load_extra("evdev")
     wanted = {settings.forward_axis, settings.turn_axis}
     for path in evdev.list_devices() if settings.device == ANY else [settings.device]:
         device = evdev.InputDevice(path)

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import urlsplit
 
+from wheelchair_gym.base.errors import load_extra
 from wheelchair_gym.base.registry import Registry
 from wheelchair_gym.base.settings import InputError, load
 from wheelchair_gym.hardware.settings import HardwareSettings, TwinSettings
@@ -86,10 +87,10 @@ def make_chair(spec: str | Mapping[str, Any], settings: EnvSettings) -> Chair:
         return localized(EpisodeTwin(settings, config.plant), settings)
     if isinstance(config, HardwareSettings):
         from wheelchair_gym.hardware.chair import HardwareChair
-        from wheelchair_gym.hardware.joystick import Joystick, load_evdev
+        from wheelchair_gym.hardware.joystick import Joystick
 
         if config.joystick.device:
-            load_evdev()
+            load_extra("evdev")
         real = HardwareChair(config, sensors, settings.chair, period)
         if config.joystick.device:
             real.joystick = Joystick(config.joystick, real.rearm)
@@ -105,14 +106,8 @@ def check_extras(spec: str | Mapping[str, Any]) -> None:
     Raises:
         InputError: the spec is wrong, or an extra is not installed.
     """
-    if isinstance(chair_settings(spec), HardwareSettings | TwinSettings):
-        from wheelchair_gym.hardware.boards.ports import load_serial
-
-        load_serial()
-        return
-    from wheelchair_gym.hardware.ros.rosbridge import load_websockets
-
-    load_websockets()
+    has_boards = isinstance(chair_settings(spec), HardwareSettings | TwinSettings)
+    load_extra("serial" if has_boards else "websockets.sync")
 
 
 def localized(chair: Chair, settings: EnvSettings) -> Chair:

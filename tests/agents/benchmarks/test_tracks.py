@@ -8,6 +8,7 @@ import os
 import socket
 import subprocess
 import sys
+from multiprocessing.connection import Connection
 
 import numpy as np
 import pytest
@@ -66,6 +67,15 @@ class Ends(Fails):
     how = "ends"
 
 
+class Garbles(Peeks):
+    """Answers in its process's stead."""
+
+    def act(self, reading):
+        for one in gc.get_objects():
+            if isinstance(one, Connection):
+                one.send_bytes(b"{}")
+
+
 class Escapes(Peeks):
     """Answers with an object whose copy would run its code where it is read."""
 
@@ -102,7 +112,10 @@ def test_it_reaches_neither_the_environment_nor_the_key_of_its_world():
     assert driven(make_policy({"name": "isolated", "policy": f"{NAME}Escapes"}))["length"] == 0.0
 
 
-@pytest.mark.parametrize(("name", "said"), [("Fails", "no idea"), ("Ends", "ended in act")])
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [("Fails", "no idea"), ("Ends", "ended in act"), ("Garbles", "no command|gave None")],
+)
 def test_a_policy_that_fails_is_reported(name, said):
     policy = make_policy({"name": "isolated", "policy": f"{NAME}{name}"})
     other = make_policy({"name": "isolated", "policy": "straight"})

@@ -178,7 +178,7 @@ def test_drive_without_a_joystick_says_what_it_waits_for_and_ends(
             raise OSError("no joystick: plug it in")
         return devices.pop()
 
-    monkeypatch.setattr(joystick, "load_evdev", lambda: None)
+    monkeypatch.setattr(hardware, "load_extra", lambda package: None)
     monkeypatch.setattr(joystick.Joystick.__init__, "__defaults__", (lambda: None, opener))
     monkeypatch.setattr(HardwareChair, "reset", armed(HardwareChair.reset))
     words = ["hardware", "drive", "--config", str(served.config), "--timeout", "0.5"]
@@ -197,7 +197,7 @@ def test_re_arming_before_there_is_a_chair_does_nothing(tmp_path, monkeypatch, c
     def no_chair(settings):
         raise InputError("it is away")
 
-    monkeypatch.setattr(joystick, "load_evdev", lambda: None)
+    monkeypatch.setattr(hardware, "load_extra", lambda package: None)
     monkeypatch.setattr(joystick.Joystick.__init__, "__defaults__", (None, lambda _own: device))
     monkeypatch.setattr(hardware, "_chair", no_chair)
     config = put(tmp_path / "config.json", {})

@@ -6,7 +6,8 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from wheelchair_gym.hardware.boards.ports import Port, explain, load_serial, open_port
+from wheelchair_gym.base.errors import load_extra
+from wheelchair_gym.hardware.boards.ports import Port, explain, open_port
 from wheelchair_gym.hardware.boards.protocol import VERSION, Frame, Message, Receiver, encode
 from wheelchair_gym.hardware.connection import Reconnecting
 
@@ -48,7 +49,7 @@ class Link(Reconnecting[Port]):
         opener: Callable[[str], Port] = open_port,
     ) -> None:
         if opener is open_port:
-            load_serial()
+            load_extra("serial")
         super().__init__(lambda: opener(url))
         self.url = url
         self.statistics = LinkStatistics()

@@ -9,7 +9,7 @@ import stat
 from pathlib import Path
 from typing import Any, Protocol
 
-from wheelchair_gym.base.errors import imports
+from wheelchair_gym.base.errors import load_extra
 from wheelchair_gym.hardware.boards.protocol import BAUD
 
 _BY_ID = "/dev/serial/by-id"  # names that do not depend on the order of plugging in
@@ -40,17 +40,6 @@ class Port(Protocol):
         ...
 
 
-def load_serial() -> Any:
-    """The package pyserial.
-
-    Raises:
-        InputError: the extra 'hardware' is not installed.
-    """
-    with imports("boards at serial ports need", "hardware"):
-        import serial
-    return serial
-
-
 def open_port(url: str) -> Port:
     """Open a device, or any URL that pyserial knows; reading and writing never wait.
 
@@ -61,7 +50,7 @@ def open_port(url: str) -> Port:
         OSError: it cannot be opened; the text says why, and what to do.
         InputError: pyserial is not installed.
     """
-    serial = load_serial()
+    serial = load_extra("serial")
     port: Any = serial.serial_for_url(
         url, baudrate=BAUD, timeout=0, write_timeout=0, exclusive=True, do_not_open=True
     )

@@ -11,8 +11,9 @@ import time
 from collections.abc import Callable
 from typing import NamedTuple
 
+from wheelchair_gym.base.errors import load_extra
 from wheelchair_gym.base.settings import InputError
-from wheelchair_gym.hardware.boards.ports import Port, load_serial, open_port
+from wheelchair_gym.hardware.boards.ports import Port, open_port
 from wheelchair_gym.hardware.connection import Reconnecting
 from wheelchair_gym.hardware.laser import scip
 
@@ -121,7 +122,7 @@ class Hokuyo(Reconnecting[Port]):
         opener: Callable[[str], Port] = open_laser,
     ) -> None:
         if opener is open_laser and not url.startswith(_TCP):
-            load_serial()
+            load_extra("serial")
         super().__init__(lambda: opener(url))
         self.url, self.reach = url, reach
         self.specs: scip.Specs | None = None

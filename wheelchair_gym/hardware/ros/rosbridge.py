@@ -33,7 +33,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.base.errors import imports, shorten
+from wheelchair_gym.base.errors import load_extra, shorten
 from wheelchair_gym.base.files import read_text
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.hardware.ros.settings import RosbridgeSettings
@@ -44,16 +44,6 @@ _MAX_MESSAGE = 128 << 20  # bytes: a map of 30 million cells
 
 Callback = Callable[[str, Any, float], None]
 Service = Callable[[Mapping[str, Any]], dict[str, Any]]
-
-
-def load_websockets() -> None:
-    """Check that the package websockets is installed.
-
-    Raises:
-        InputError: the extra 'ros' is not installed.
-    """
-    with imports("a chair under ROS needs", "ros"):
-        import websockets.sync.client  # noqa: F401
 
 
 def is_local(host: str) -> bool:
@@ -128,7 +118,7 @@ class Rosbridge:
     """
 
     def __init__(self, host: str, port: int, on_message: Callback, link: RosbridgeSettings) -> None:
-        load_websockets()
+        load_extra("websockets.sync")
         from websockets.exceptions import ConnectionClosed, WebSocketException
         from websockets.sync.client import connect
 
@@ -349,7 +339,7 @@ class RosbridgeServer:
         token: str = "",
         certificate: str | Path | None = None,
     ) -> None:
-        load_websockets()
+        load_extra("websockets.sync")
         from websockets.sync.server import serve
 
         self.listens: dict[str, tuple[str, ...]] = {}
