@@ -10,6 +10,7 @@ import pty
 import subprocess
 import sys
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 from numba.core.caching import CacheImpl
@@ -320,10 +321,7 @@ def test_a_process_that_hangs_with_a_lock_delays_the_others_only(tmp_path):
 
 
 def test_a_system_may_lack_folders_locks_and_large_pages(monkeypatch, tmp_path):
-    def no_lock(*_):
-        raise OSError(errno.ENOLCK, "no locks available")
-
-    monkeypatch.setattr(fcntl, "flock", no_lock)
+    monkeypatch.setattr(fcntl, "flock", Mock(side_effect=OSError(errno.ENOLCK, "no locks")))
     monkeypatch.setattr(mmap, "MADV_HUGEPAGE", 9999)  # which no kernel knows
     monkeypatch.setattr(CacheImpl, "_locator_classes", [])
     with second_process.locked(tmp_path / "lock"):

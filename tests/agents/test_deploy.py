@@ -7,6 +7,7 @@ import re
 import signal
 import threading
 import time
+from unittest.mock import Mock
 
 import gymnasium as gym
 import numpy as np
@@ -234,10 +235,7 @@ def test_it_says_how_a_person_re_arms_it(terminal, monkeypatch, caplog):
     stdin.isatty = lambda: terminal
     monkeypatch.setattr("sys.stdin", stdin)
     joystick = JoystickSettings(device="/dev/input/event99")
-
-    def nobody(own):
-        raise OSError("no joystick at '/dev/input/event99'")
-
+    nobody = Mock(side_effect=OSError("no joystick at '/dev/input/event99'"))
     drive.hosted.chair.joystick = Joystick(joystick, drive.hosted.chair.rearm, nobody)
     listen_for_rearm(drive.env.chair, drive.env.shield)
     drive.env.reset(options={"episode": EPISODE})
@@ -252,10 +250,7 @@ def test_it_says_how_a_person_re_arms_it(terminal, monkeypatch, caplog):
 def test_an_exception_stops_it():
     drive = Drive()
 
-    def fail():
-        raise RuntimeError("a policy's mistake")
-
-    drive.each = at(1.5, fail)
+    drive.each = at(1.5, Mock(side_effect=RuntimeError("a policy's mistake")))
     with pytest.raises(RuntimeError, match="mistake"):
         drive.run()
     drive.env.close()
@@ -268,11 +263,7 @@ def test_a_dry_run_sends_no_command():
     sent = []
     send = chair.senses.drive.send
     chair.senses.drive.send = lambda message: sent.append(type(message).__name__) or send(message)
-
-    def ctrl_c():
-        raise KeyboardInterrupt
-
-    drive.each = at(2.0, ctrl_c)
+    drive.each = at(2.0, Mock(side_effect=KeyboardInterrupt))
     with pytest.raises(KeyboardInterrupt):
         drive.run(dry=True)
     drive.env.close()

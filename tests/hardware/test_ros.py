@@ -49,9 +49,8 @@ AHEAD = np.array([0.3, 0.0])
 
 @pytest.fixture
 def bridge():
-    server = FakeRosbridge()
-    yield server
-    server.close()
+    with closing(FakeRosbridge()) as server:
+        yield server
 
 
 def spec(bridge, patience=PATIENCE, limits=CALM, **changes):
@@ -64,17 +63,15 @@ def spec(bridge, patience=PATIENCE, limits=CALM, **changes):
 @pytest.fixture
 def waiting():
     """A bridge whose world waits for commands, and so for a machine that is slow."""
-    server = FakeRosbridge(rate=math.inf)
-    yield server
-    server.close()
+    with closing(FakeRosbridge(rate=math.inf)) as server:
+        yield server
 
 
 @pytest.fixture
 def chair(bridge, request):
     limits = LATE if request.node.get_closest_marker("realtime") else CALM
-    made = make_chair(spec(bridge, limits=limits), env_settings(CONFIG))
-    yield made
-    made.close()
+    with closing(make_chair(spec(bridge, limits=limits), env_settings(CONFIG))) as made:
+        yield made
 
 
 def lost(chair):
@@ -239,17 +236,11 @@ def backwards(message):
     return {**message, "header": {**header, "stamp": stamp}}
 
 
-def nowhere(message):
-    message["pose"]["pose"]["position"]["x"] = None
-    return message
+def edited(old, new):
+    return lambda message: json.loads(json.dumps(message).replace(old, new))
 
 
-def tipped(message):
-    half = math.sqrt(0.5)
-    message["pose"]["pose"]["orientation"] = {"x": half, "y": 0.0, "z": 0.0, "w": half}
-    return message
-
-
+ON_SIDE = '"orientation": {"x": 0.5, "y": 0.5, "z": 0.5, "w": 0.5}, "_": {'
 WRONG = {
     "a beam too few": ("/scan", lengthened, "laser.fov"),
     "words for ranges": ("/scan", lambda m: {**m, "ranges": ["x"] * 181}, "could not convert"),
@@ -259,18 +250,14 @@ WRONG = {
     "no angle": ("/scan", lambda m: {**m, "angle_min": None}, "not made as its type says"),
     "time goes back": ("/scan", backwards, "older than the one before"),
     "time stands still": ("/scan", lambda m: m, "older than the one before"),
-    "odometry is null": ("/ARDUINO1/Odom", nowhere, "not finite"),
+    "odometry is null": (
+        "/ARDUINO1/Odom", edited('on": {"x": ', 'on": {"x": null, "_": '), "not finite",
+    ),
     "odometry is a list": ("/ARDUINO1/Odom", lambda m: [m], "not made as its type says"),
     "odometry lacks its twist": ("/ARDUINO1/Odom", lambda m: {"pose": m["pose"]}, "'twist'"),
-    "odometry has NaN": (
-        "/ARDUINO1/Odom", lambda m: json.loads(json.dumps(m).replace('"x": ', '"x": NaN, "_": ')),
-        "finite",
-    ),
-    "it lies on its side": ("/ARDUINO1/Odom", tipped, "tilted by 90 deg"),
-    "no quaternion": (
-        "/ARDUINO1/Odom", lambda m: json.loads(json.dumps(m).replace('"w": ', '"w": 7, "_": ')),
-        "norm is not 1",
-    ),
+    "odometry has NaN": ("/ARDUINO1/Odom", edited('"x": ', '"x": NaN, "_": '), "finite"),
+    "it lies on its side": ("/ARDUINO1/Odom", edited('"orientation": {', ON_SIDE), "by 90 deg"),
+    "no quaternion": ("/ARDUINO1/Odom", edited('"w": ', '"w": 7, "_": '), "norm is not 1"),
     "a cell too few": ("/map", lambda m: {**m, "data": m["data"][1:]}, "cells; expected"),
     "a cell of 101": ("/map", lambda m: {**m, "data": [101, *m["data"][1:]]}, "beyond -1 to 100"),
     "a map of nothing": ("/map", lambda m: {**m, "info": {**m["info"], "width": 0}}, "at least"),
