@@ -180,7 +180,10 @@ def take(name: str, file: Path) -> Path:
     try:
         if file.name == "verdicts.csv":
             of_all = [read_json(file.with_name(f"{name}.json")) for name in STUDIES]
-            verdicts = [{"study": of["name"], **claim} for of in of_all for claim in of["claims"]]
+            verdicts = [
+                {k: float(f"{v:.5g}") if isinstance(v, float) else v for k, v in row.items()}
+                for of in of_all for row in ({"study": of["name"], **one} for one in of["claims"])
+            ]  # fmt: skip
             found = condensed({**of_all[0], "verdicts": verdicts})
         else:
             found = condensed(read_json(file))
@@ -486,14 +489,11 @@ def _times(rows: Sequence[Row], **which: str) -> list[float | None]:
     return [time for row in of for time in row["times"]]
 
 
-FEWEST = 10  # drives whose share has an interval
-
-
 def _succeed(times: Sequence[float | None]) -> str:
     hits = [time for time in times if time is not None]
     low, high = wilson(len(hits), len(times))
     share = f"{len(hits)} of {len(times)}"
-    if len(times) >= FEWEST:
+    if len(times) >= 10:  # fewer have no interval
         share += f" ({100 * low:.0f} to {100 * high:.0f} %)"
     return f"{share}, {np.median(hits):.0f} s" if hits else share
 
