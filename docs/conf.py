@@ -24,8 +24,7 @@ version = release = __version__
 
 extensions = ["myst_parser"]
 source_suffix = {".md": "markdown"}
-# Fragments are included by pages.
-exclude_patterns = ["generated/fragments/*"]
+exclude_patterns = ["generated/fragments/*"]  # pages include them
 myst_enable_extensions = ["deflist", "fieldlist", "colon_fence"]
 myst_heading_anchors = 3
 # Nothing is fetched: links to other sites are not checked, and there is no other project's index.
@@ -37,6 +36,7 @@ python_maximum_signature_line_length = 88
 
 html_theme = "furo"
 html_title = f"wheelchair_gym {version}"
+templates_path = ["_templates"]
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_copy_source = False
