@@ -437,8 +437,10 @@ def learned() -> str:
         name: load_weights(WEIGHTS / f"{name}.npz").card
         for name in ("ppo_guided", "ppo_goal", "td3_guided")
     }
-    extra = results("ppo_goal_without_map")
-    cards["ppo_goal"]["results"] += [{**row, "command": extra["command"]} for row in extra["rows"]]
+    extra, goal = results("ppo_goal_without_map"), cards["ppo_goal"]
+    (row,) = extra["rows"]
+    shares = {k: row[of] / row["episodes"] for k, of in (("success",) * 2, ("collision", "contact"))}
+    goal["results"].append({"command": extra["command"], "seed": goal["seed"], **shares})
     headings = [""]
     for name, card in cards.items():
         seeds = [f"{s} (shipped)" if int(s) == card["seed"] else s for s in sorted(card["curves"])]

@@ -1,6 +1,7 @@
 """Laws of many chairs at once: row i is the single env seeded with seed + i, bit for bit."""
 
 import math
+from unittest.mock import Mock
 
 import gymnasium as gym
 import numpy as np
@@ -272,11 +273,7 @@ def test_no_kernel_gets_a_record_that_nobody_filled(mode):
     env = NavigationVectorEnv(2, **QUICK, max_episode_steps=2, autoreset_mode=mode)
     env.reset(seed=3)
     make, ahead = env.worlds.episode, np.full((2, 2), 0.1)
-
-    def fail(*_):
-        raise InputError("no world fits")
-
-    env.worlds.episode = fail
+    env.worlds.episode = Mock(side_effect=InputError("no world fits"))
 
     def drive():
         for _ in range(3):

@@ -12,6 +12,7 @@ import subprocess
 import sys
 from contextlib import closing
 from dataclasses import dataclass
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -347,10 +348,7 @@ def test_a_link_can_be_closed_twice_and_made_again(domain):
 
 def test_a_thread_that_fails_ends_the_link_and_says_why():
     """Robot stops, and its program ends, where a link is lost."""
-
-    def fail(*_):
-        raise ValueError("no such\nthing")
-
+    fail = Mock(side_effect=ValueError("no such\nthing"))
     with closing(DdsLink("127.0.0.1", DOMAIN + 2, fail)) as link:
         link.subscribe("/cmd_vel", "geometry_msgs/msg/Twist")
         peer = Peer(DOMAIN + 2)

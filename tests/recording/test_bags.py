@@ -4,6 +4,7 @@ The independent reader is mcap-ros2-support, which decodes by the definitions in
 """
 
 import math
+from unittest.mock import Mock
 
 import gymnasium as gym
 import numpy as np
@@ -305,11 +306,8 @@ def test_a_full_disk_ends_the_bag(tmp_path, caplog, monkeypatch):
     env = RecordEpisodes(gym.make("wheelchair_gym/Navigation-v1", scene="empty", split="test"),
                          tmp_path / "run", recording=RecordingSettings(format="ros2"))  # fmt: skip
     env.reset(seed=0)
-
-    def full(*_):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(env._out._bag._bag.storage, "write", full)
+    full = OSError(28, "No space left on device")
+    monkeypatch.setattr(env._out._bag._bag.storage, "write", Mock(side_effect=full))
     for _ in range(3):
         env.step(np.zeros(2))
     env.close()

@@ -50,6 +50,18 @@ def test_a_scan_that_repeats_is_doubted_where_only_a_pole_shows_motion(deceit, s
     assert drive(Fault("", deceit), "passage", speed, 0, 16.0, beams).contact <= HARM
 
 
+@pytest.mark.parametrize("half", [0.5, 0.9, 1.5, 3.0])
+def test_in_a_passage_longer_than_the_laser_reaches_no_fresh_scan_is_doubted(half):
+    """Where its walls are lost from sight moves with the chair, as a repeated scan would."""
+    walls = [(-30.0, y, 30.0, y) for y in (half, -half)]
+    chair, shield = SimulatedChair(), Shield()
+    reading = chair.reset(box(40.0, (-15.0, 0.05, 0.01), walls), 2)
+    for _ in range(200):
+        _, y, yaw = chair.truth.pose
+        reading = step(chair, shield, (0.8, -0.3 * y - 0.6 * yaw), reading)
+        assert shield.decision.reason == ""
+
+
 @pytest.mark.parametrize("delay", [0.06, 0.12, 0.2])
 def test_a_short_delay_is_added_to_the_reaction_time(delay):
     assert all(drive(Fault("", late(delay)), "room", v, 0, 25.0).contact <= HARM for v in SPEEDS)

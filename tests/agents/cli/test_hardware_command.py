@@ -8,6 +8,7 @@ import threading
 import time
 from contextlib import nullcontext
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import pytest
 
@@ -193,13 +194,9 @@ def test_re_arming_before_there_is_a_chair_does_nothing(tmp_path, monkeypatch, c
     device, own = NoStick(), joystick.JoystickSettings()
     press = SimpleNamespace(type=joystick.EV_KEY, code=own.rearm_button, value=1)
     device.read = lambda: [press]
-
-    def no_chair(settings):
-        raise InputError("it is away")
-
     monkeypatch.setattr(hardware, "load_extra", lambda package: None)
     monkeypatch.setattr(joystick.Joystick.__init__, "__defaults__", (None, lambda _own: device))
-    monkeypatch.setattr(hardware, "_chair", no_chair)
+    monkeypatch.setattr(hardware, "_chair", Mock(side_effect=InputError("it is away")))
     config = put(tmp_path / "config.json", {})
     assert "it is away" in refusal(["hardware", "drive", "--config", config], capsys)
 

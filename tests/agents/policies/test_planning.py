@@ -3,6 +3,7 @@
 import dataclasses
 import sys
 import threading
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -59,11 +60,8 @@ def test_one_plan_at_a_time_is_taken_once(real_time):
 
 @pytest.mark.parametrize("real_time", [False, True])
 def test_what_a_planner_raises_is_raised_in_the_loop(real_time):
-    def fails(end):
-        raise ValueError("no map")
-
     planning = Planning(PERIOD, 1.0, 0.1, real_time)
-    planning.ask(fails, lambda plan: None)
+    planning.ask(Mock(side_effect=ValueError("no map")), lambda plan: None)
     with pytest.raises(ValueError, match="no map"):
         arrived(planning, [])
     assert not planning.busy
