@@ -291,10 +291,10 @@ def number(value: float | None, digits: int) -> str:
 
 
 def planned() -> str:
-    """The best planned policy on each suite."""
+    """Planned policies on each suite."""
     rows = []
-    for name, text in WORDS["planned"].items():
-        row = row_of(name)
+    for name, text, *which in WORDS["planned"]:
+        row = row_of(name, *which)
         time = number(row["time"], 1)
         rows.append((text, f"{row['episodes']:,}", success(row), contacts(row), time))
         if name == "barn":
@@ -437,10 +437,6 @@ def learned() -> str:
         name: load_weights(WEIGHTS / f"{name}.npz").card
         for name in ("ppo_guided", "ppo_goal", "td3_guided")
     }
-    extra, goal = results("ppo_goal_without_map"), cards["ppo_goal"]
-    (row,) = extra["rows"]
-    shares = {k: row[of] / row["episodes"] for k, of in (("success",) * 2, ("collision", "contact"))}
-    goal["results"].append({"command": extra["command"], "seed": goal["seed"], **shares})
     headings = [""]
     for name, card in cards.items():
         seeds = [f"{s} (shipped)" if int(s) == card["seed"] else s for s in sorted(card["curves"])]
@@ -453,7 +449,7 @@ def learned() -> str:
             of = [row for row in card["results"] if row["command"] == command]
             of.sort(key=lambda row: int(row["seed"]))
             cell = ", ".join(f"{100 * r['success']:.1f} ({100 * r['collision']:.1f})" for r in of)
-            if len(of) < len(card["curves"]):
+            if 0 < len(of) < len(card["curves"]):
                 cell += f": seeds {', '.join(str(row['seed']) for row in of)}"
             cells.append(cell)
         rows.append((text, *cells))
