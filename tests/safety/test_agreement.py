@@ -52,7 +52,7 @@ def test_a_scan_that_repeats_is_doubted_where_only_a_pole_shows_motion(deceit, s
 
 @pytest.mark.parametrize("half", [0.5, 0.9, 1.5, 3.0])
 def test_in_a_passage_longer_than_the_laser_reaches_no_fresh_scan_is_doubted(half):
-    """Where its walls are lost from sight moves with the chair, as a repeated scan would."""
+    """The place where its walls are lost from sight moves with the chair, as in repeated scans."""
     walls = [(-30.0, y, 30.0, y) for y in (half, -half)]
     chair, shield = SimulatedChair(), Shield()
     reading = chair.reset(box(40.0, (-15.0, 0.05, 0.01), walls), 2)
