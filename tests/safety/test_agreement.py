@@ -43,7 +43,7 @@ def test_a_laser_that_deceives_is_found_before_a_contact(deceit, thing):
     assert outcome.detected < ONSET + 3.0
 
 
-@pytest.mark.parametrize("beams", [181, 541, 1081])
+@pytest.mark.parametrize("beams", [64, 181, 541, 1081])
 @pytest.mark.parametrize("speed", SPEEDS)
 @pytest.mark.parametrize("deceit", [repeated(3), repeated(1, 0.003)], ids=["ring", "jitter"])
 def test_a_scan_that_repeats_is_doubted_where_only_a_pole_shows_motion(deceit, speed, beams):

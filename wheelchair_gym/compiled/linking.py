@@ -165,8 +165,7 @@ class Part(CPUDispatcher):
         try:
             self.enable_caching()
         except RuntimeError:  # numba found no folder
-            unwritable = "no folder for compiled kernels is writable: set NUMBA_CACHE_DIR to one"
-            raise InputError(unwritable) from None
+            raise InputError("no folder for kernels is writable: set NUMBA_CACHE_DIR") from None
         cache = self._cache._cache_file
         cache._source_stamp, load = digest, cache._load_index
 

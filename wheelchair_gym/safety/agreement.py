@@ -54,7 +54,7 @@ _SHORTEST = 0.03  # m and rad: a shorter motion tells nothing about repeated sca
 _MOST_TOLD = 0.15  # m: changes above this count no more
 _CHANGED, _NOISE = 0.05, 0.01  # m, of the range: errors that noise alone does not give
 _STEP, _WIDE = 0.05, 6.0  # of the range, key beams: neighbours farther apart span no surface
-_APART = 1.3  # of the range of a pole's point: minimum range of both neighbours
+_APART = 0.3  # of the range: minimum difference from both neighbours of a pole's point
 _EVIDENCE = 0.02  # m2: minimum sum of squares that tells scans that lag from fresh ones
 _MOST = 0.7  # share of the sum with which a scan lags
 _FEW = 12  # maximum number of sectors that a person who walks ahead changes
@@ -315,16 +315,15 @@ def _begin_mark(key: Any, at: Frame, scan: Floats) -> None:
 def _expect(key: Any, one: LaserArrays, at: Frame, ranges: Floats) -> float:
     """Write the ranges (n,) expected from the mark; return the motion [m, rad] since it.
 
-    Two neighbouring points of similar range span a surface. A point far before both neighbours is
-    an object as wide as its sector; beside a nearer one, it may be where a long wall is lost from
-    sight, a place that moves with the chair. +inf: nothing is expected.
+    Two neighbouring points of similar range span a surface. A point far before or far behind both
+    neighbours is as wide as its sector; between them, a wall is lost from sight. +inf: nothing.
     """
     dx, dy = world_to_body(at.c, at.s, key.mark_at[0] - at.x, key.mark_at[1] - at.y)
     c = at.c * key.mark_at[2] + at.s * key.mark_at[3]
     s = at.c * key.mark_at[3] - at.s * key.mark_at[2]
     n, last = ranges.shape[0], one.cosine.shape[0] - 1
     per_key = last / (n - 1)
-    ax, ay, a, r_before, was_nearer = 0.0, 0.0, np.nan, np.nan, True  # the point before
+    ax, ay, a, r_before, was_far, was_nearer = 0.0, 0.0, np.nan, np.nan, True, False
     ranges[:] = _INF
     for k in range(n):
         r, b = np.float64(key.mark[k]), k * last // (n - 1)
@@ -333,6 +332,8 @@ def _expect(key: Any, one: LaserArrays, at: Frame, ranges: Floats) -> float:
             px, py = point_to_world(c, s, dx, dy, r * one.cosine[b], r * one.sine[b])
             p = (atan2_f32(_F(py), _F(px)) - one.first) * one.per_angle / per_key
             with_before = (a < p < a + _WIDE) & (abs(r - r_before) < _STEP * r)
+        is_far = not abs(r - r_before) < _APART * r
+        is_end = (n == KEY_POINTS) & (was_nearer != (r < r_before))  # fewer sectors: also a pole
         if with_before:
             for j in range(max(0, math.ceil(a)), min(n, math.floor(p) + 1)):
                 i = j * last // (n - 1)
@@ -342,10 +343,10 @@ def _expect(key: Any, one: LaserArrays, at: Frame, ranges: Floats) -> float:
                     ranges[j] = _F(0.5 * (at_ray + ranges[j]))
                 else:
                     ranges[j] = min(ranges[j], _F(at_ray))
-        elif was_nearer and not r < _APART * r_before and -0.5 < a < n - 0.5:
+        elif was_far & is_far & (not is_end) & (-0.5 < a < n - 0.5):
             j = as_int(a + 0.5)
             ranges[j] = min(ranges[j], _F(math.sqrt(ax * ax + ay * ay)))
-        ax, ay, a, r_before, was_nearer = px, py, p, r, not r_before < _APART * r
+        ax, ay, a, r_before, was_far, was_nearer = px, py, p, r, is_far, r_before < r
     turn = math.atan2(s, c)
     return math.sqrt(dx * dx + dy * dy + turn * turn)
 
