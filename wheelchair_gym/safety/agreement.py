@@ -326,7 +326,7 @@ def _expect(key: Any, one: LaserArrays, at: Frame, ranges: Floats) -> float:
     ax, ay, a, r_before, was_far, was_nearer = 0.0, 0.0, np.nan, np.nan, True, False
     ranges[:] = _INF
     for k in range(n):
-        r, b = np.float64(key.mark[k]), k * last // (n - 1)
+        r, b = float(key.mark[k]), k * last // (n - 1)
         px, py, p, with_before = 0.0, 0.0, np.nan, False
         if one.nearest <= r < one.reach:
             px, py = point_to_world(c, s, dx, dy, r * one.cosine[b], r * one.sine[b])
