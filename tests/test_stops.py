@@ -30,6 +30,8 @@ def test_several_faults_are_several_rows():
     ("message", "ends"),
     [
         ("the laser is silent (unplugged)", causes.Ends.ITSELF),
+        ("the second laser is silent", causes.Ends.ITSELF),
+        ("the third laser is late: its scans may be 0.5 s old", causes.Ends.ITSELF),
         ("/scan is silent (its last message lacks 'ranges')", causes.Ends.ITSELF),
         ("/tf does not report where base_link is on map", causes.Ends.ITSELF),
         ("/clock has stood still for 2.1 s: the simulation is paused or over", causes.Ends.ITSELF),

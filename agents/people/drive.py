@@ -367,14 +367,15 @@ def drive_with_help(
     driver.reset()
     with suppress(KeyboardInterrupt):  # the end of a person's drive
         while not each(env):
-            reading, stood = world.task.reading, bool(monitor.messages)
+            # The guard may stop the chair at any time: what ends the drive is what is reported.
+            reading, stood, latched = world.task.reading, bool(monitor.messages), chair.latched
             if reading.halted:
                 stick.must_centre()
-            causes = [*stops.active_stops(reading.halted, world.shield), stick.why()]
+            causes = [*stops.active_stops(latched or reading.halted, world.shield), stick.why()]
             for line in monitor.update(reading.stamp, causes):
                 log(f"{reading.stamp:7.1f} s  {line}")
             halts += bool(monitor.messages) and not stood
-            if chair.latched:
+            if latched:
                 ended = monitor.why
                 break
             action, now = driver.act(observation), world.task.stick

@@ -67,13 +67,16 @@ class Bench(NativeDrive):
         assert isinstance(answer, Answer)
         return Status(answer.status)
 
+    def follow(self, target, seconds: float) -> None:
+        """Run for some seconds with this target; None: no commands come."""
+        self.target = target
+        self.run(seconds)
+
     def start(self, v=0.0, w=0.0, seconds=3.0):
         """Re-arm, and drive until the speed is steady."""
-        self.target = (0.0, 0.0)
-        self.run(0.1)
+        self.follow((0.0, 0.0), 0.1)
         assert self.rearm() == Status.DONE
-        self.target = (v, w)
-        self.run(seconds)
+        self.follow((v, w), seconds)
         assert self.odometry().mode == Mode.HOST
         return self
 

@@ -110,10 +110,9 @@ class FakeRosbridge:
     def _serve(self, connection):
         topics = self._told[connection] = set()
         try:
-            for text in connection:
-                self._obey(connection, topics, json.loads(text))
-        except ConnectionClosed:
-            pass
+            with suppress(ConnectionClosed):
+                for text in connection:
+                    self._obey(connection, topics, json.loads(text))
         finally:
             del self._told[connection]
 

@@ -12,7 +12,7 @@ from wheelchair_gym import InputError
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.geometry.kinematics import DriveGeometry
 from wheelchair_gym.geometry.outline import footprint_clearance
-from wheelchair_gym.hardware.boards.protocol import Mode, Odometry, Switch
+from wheelchair_gym.hardware.boards.protocol import Fault, Mode, Odometry, Rearm, Switch
 from wheelchair_gym.hardware.boards.senses import WheelOdometry
 from wheelchair_gym.hardware.registry import make_chair
 from wheelchair_gym.hardware.tools.diagnostics import Diagnostics
@@ -334,11 +334,23 @@ def test_a_late_policy_does_not_drive_on(hosted):
     assert chair.drive(AHEAD).halted == ""  # it goes on when told to
 
 
-@pytest.mark.parametrize("way", ["close", "program killed"])
+def test_a_chair_that_its_motors_hold_is_named_and_re_armed(hosted, monkeypatch):
+    chair, sent = begun(hosted), []
+    holds = chair.senses.odometry._replace(mode=Mode.STOPPING, faults=Fault.BRAKE)
+    monkeypatch.setattr(type(chair.senses), "odometry", holds)
+    assert "has stopped (BRAKE)" in chair.senses.stopped()
+    chair.senses.drive.send = sent.append
+    chair.rearm()
+    assert Rearm(Fault.BRAKE) in sent
+
+
+@pytest.mark.parametrize("way", ["close", "close by hand", "program killed"])
 def test_every_way_out_stops_it(hosted, way):
     """A killed program says nothing any more: the board stops by itself."""
     chair = begun(hosted)
-    if way == "close":
+    if way != "program killed":
+        if way == "close by hand":
+            chair.joystick = lambda now, limits: AHEAD
         chair.close()
         chair.close()  # twice does no harm
         until_slower(hosted, 0.06)

@@ -95,9 +95,9 @@ class Peer:
         self.entities = {}
 
     def hears(self, topic, kind, *more):
-        qos = policies(*more)
+        qos, name = policies(*more), f"rt{topic}" if topic.startswith("/") else topic
         self.entities[topic, kind] = DataReader(
-            self.participant, Topic(self.participant, f"rt{topic}", kind, qos), qos
+            self.participant, Topic(self.participant, name, kind, qos), qos
         )
         return self.entities[topic, kind]
 
@@ -188,14 +188,8 @@ def test_scans_and_latched_maps_arrive_and_the_node_has_a_name(peer):
              "ros_discovery_info": "rmw_dds_common/msg/ParticipantEntitiesInfo"}  # fmt: skip
     scans = peer.hears("/scan", LaserScan, Policy.Reliability.BestEffort)
     clocks = peer.hears("/clock", idl_type("rosgraph_msgs/msg/Clock"))
-    for topic in ("/map", "/tf_static"):  # were published long ago
-        peer.hears(topic, idl_type(kinds[topic]), RELIABLE, LATCHED)
-    qos = policies(RELIABLE, LATCHED)
-    name = "ros_discovery_info"
-    nodes = DataReader(
-        peer.participant, Topic(peer.participant, name, idl_type(kinds[name]), qos), qos
-    )
-    peer.entities[name, idl_type(kinds[name])] = nodes
+    for topic, kind in kinds.items():  # were published long ago
+        peer.hears(topic, idl_type(kind), RELIABLE, LATCHED)
     found = {}
 
     def complete():
@@ -208,7 +202,7 @@ def test_scans_and_latched_maps_arrive_and_the_node_has_a_name(peer):
     info = found["/map"]["info"]
     assert len(found["/map"]["data"]) == info["width"] * info["height"] > 100
     assert len(found["/tf_static"]["transforms"]) == 9
-    (node,) = found[name]["node_entities_info_seq"]
+    (node,) = found["ros_discovery_info"]["node_entities_info_seq"]
     assert (node["node_namespace"], node["node_name"]) == ("/", "wheelchair")
     assert until(lambda: scans.read(1) and clocks.read(1))
     scan = deserialized("sensor_msgs/msg/LaserScan", peer.taken("/scan", LaserScan)[-1].cdr)

@@ -65,13 +65,11 @@ def test_speed_follows_the_command_up_to_the_limits(bench, v, w):
 
 
 def test_nothing_moves_before_a_person_has_re_armed(bench):
-    bench.target = (0.5, 0.0)
-    bench.run(1.0)
+    bench.follow((0.5, 0.0), 1.0)
     assert off(bench)
     assert bench.odometry().faults == Fault.RESET
     assert bench.rearm() == Status.NOT_AT_ZERO
-    bench.target = (0.0, 0.0)
-    bench.run(0.1)
+    bench.follow((0.0, 0.0), 0.1)
     assert bench.send(Rearm(Fault.STALL))[0].status == Status.OTHER_FAULTS
     assert bench.odometry().faults == Fault.RESET
     assert bench.rearm() == Status.DONE
@@ -97,14 +95,11 @@ def test_without_commands_the_set_point_falls_within_205_ms_and_the_brake_follow
     # The set point falls at 2.2 m/s2; the wheels rest at 1.5 or more of it all, and then brake.
     assert 0.8 / (rests - falls) >= 1.5
     assert bench.odometry().faults == 0
-    bench.target = (0.0, 0.0)
-    bench.run(0.1)
+    bench.follow((0.0, 0.0), 0.1)
     assert bench.odometry().mode == Mode.HOST  # a short silence heals
-    bench.target = None
-    bench.run(1.3)
+    bench.follow(None, 1.3)
     assert bench.odometry().faults == Fault.LINK  # a long one needs a person
-    bench.target = (0.5, 0.0)
-    bench.run(1.0)
+    bench.follow((0.5, 0.0), 1.0)
     assert off(bench)
 
 
@@ -141,9 +136,7 @@ def test_faults_stop_the_chair_and_stay_until_a_person_has_seen_to_them(bench, n
     bench.seen = [True, True]
     bench.run(0.5)
     assert off(bench)
-    assert bench.rearm() == Status.DONE
-    bench.target = (0.3, 0.0)
-    bench.run(1.5)
+    bench.start(0.3, seconds=1.5)
     assert min(bench.speeds) == pytest.approx(0.3, abs=0.01)
 
 
@@ -164,8 +157,8 @@ def test_the_lever_lifted_in_motion_leaves_the_motors_as_brakes(bench, mode):
     assert off(bench)
     assert max(bench.speeds) < 0.03
     assert bench.odometry().faults & ~Fault.LINK == Fault.LEVER
-    bench.switches, bench.target = 0, (0.5, 0.0)
-    bench.run(1.0)
+    bench.switches = 0
+    bench.follow((0.5, 0.0), 1.0)
     assert off(bench)
 
 
@@ -199,18 +192,14 @@ def test_a_touch_between_two_odometries_is_told(bench):
 
 
 def test_the_host_is_told_whether_a_person_is_needed(bench):
-    bench.target = (0.0, 0.0)
-    bench.run(0.1)
+    bench.follow((0.0, 0.0), 0.1)
     assert bench.odometry().mode == Mode.STOPPED
-    bench.target = None
-    bench.run(0.1)
+    bench.follow(None, 0.1)
     assert bench.rearm() == Status.DONE
     assert bench.odometry().mode == Mode.READY
-    bench.target = (0.0, 0.0)
-    bench.run(0.1)
+    bench.follow((0.0, 0.0), 0.1)
     assert bench.odometry().mode == Mode.HOST
-    bench.target = None
-    bench.run(0.5)
+    bench.follow(None, 0.5)
     assert bench.odometry().mode == Mode.READY
     bench.run(1.0)
     assert bench.odometry().mode == Mode.STOPPED
@@ -284,8 +273,7 @@ def let_go(bench):
 
 def host_gone(bench):
     driving(bench)
-    bench.target = None
-    bench.run(0.25)
+    bench.follow(None, 0.25)
 
 
 @pytest.mark.parametrize("duty", [0.8, -0.8])
@@ -345,8 +333,7 @@ def test_slopes_and_hard_stops_are_no_runaways(bench, pull, v):
     bench.pull = pull
     for ends in ((0.0, 0.0), (0.0, 0.0, CommandFlag.PROTECTIVE), (-v, 0.5), None):
         bench.start(v, 0.2, seconds=2.5)
-        bench.target = ends
-        bench.run(2.5)
+        bench.follow(ends, 2.5)
         assert bench.odometry().faults in (0, Fault.LINK), (ends, bench.odometry())
     bench.start(v, seconds=2.5)
     bench.switches = Switch.STOP_PRESSED
@@ -394,8 +381,7 @@ def test_a_lost_encoder_of_a_slow_wheel_is_found_as_soon_where_the_chair_turns_a
 @pytest.mark.parametrize("target", [(0.0, 0.0, CommandFlag.PROTECTIVE), (0.0, 0.0), None])
 def test_brakes_that_slip_again_and_again_are_a_fault_and_the_motors_hold(bench, target):
     bench.start(0.0, seconds=0.2)
-    bench.target = target
-    bench.run(0.5)
+    bench.follow(target, 0.5)
     bench.grip, bench.pull = 0.1, 1.36
     released, changes = bench.release, 0
     for _ in range(2000):
@@ -410,11 +396,7 @@ def test_brakes_that_slip_again_and_again_are_a_fault_and_the_motors_hold(bench,
     assert abs(bench.ways[0] - home) < 0.002
     assert bench.enable
     assert not bench.release
-    bench.target = (0.0, 0.0)  # a person may drive it to level ground
-    bench.run(0.1)
-    assert bench.rearm() == Status.DONE
-    bench.target = (0.3, 0.0)
-    bench.run(2.0)
+    bench.start(0.3, seconds=2.0)  # a person may drive it to level ground
     assert bench.speeds[0] == pytest.approx(0.3, abs=0.02)
 
 
@@ -424,14 +406,11 @@ def test_counts_per_metre_that_cannot_be_are_told(bench, factor, v):
     bench.start()
     assert bench.odometry().faults == 0
     bench.rearm()
-    bench.target = None
-    bench.run(1.5)  # stopped: parameters may be changed
+    bench.follow(None, 1.5)  # stopped: parameters may be changed
     bench.send(Set(DRIVE_PARAMETERS.index("counts_per_metre"), 4346.0 * factor))
-    bench.target = (0.0, 0.0)
-    bench.run(0.1)
+    bench.follow((0.0, 0.0), 0.1)
     assert bench.rearm() == Status.DONE
-    bench.target = (v, 0.0)
-    bench.run(6.0)
+    bench.follow((v, 0.0), 6.0)
     assert bench.odometry().faults & Fault.IMPLAUSIBLE
     assert off(bench)
 
@@ -532,11 +511,7 @@ def test_a_joystick_frame_with_any_byte_wrong_is_ignored(firmware):
         broken = bytearray(good)
         broken[at] ^= 0x10
         drive.stick(bytes(broken) + b"\0" * 32)
-    drive.target = (0.0, 0.0)
-    drive.run(0.1)
-    assert drive.rearm() == Status.DONE
-    drive.run(0.1)
-    assert drive.odometry().mode == Mode.HOST
+    drive.start(seconds=0.1)
 
 
 @pytest.mark.parametrize("count", [5_000, pytest.param(1_000_000, marks=pytest.mark.long)])

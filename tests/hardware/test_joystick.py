@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import termios
 from typing import NamedTuple
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ from tests.hardware.hosted import Hosted
 from tests.sim.worlds import box
 from wheelchair_gym.geometry.kinematics import Limits
 from wheelchair_gym.hardware import joystick
-from wheelchair_gym.hardware.connection import RETRY
+from wheelchair_gym.hardware.connection import RETRY, Reconnecting
 
 OWN = joystick.JoystickSettings(device="fake")
 AHEAD = np.array([0.4, 0.0])
@@ -151,6 +153,24 @@ def test_it_re_arms_with_sticks_at_rest_only():
     seat.device.press(OWN.rearm_button)
     seat.ask()
     assert acts == [1]
+
+
+def test_a_re_arm_that_reads_events_leaves_their_order():
+    seat = Seat()
+    seat.ask()
+    seat.joystick._rearm = seat.ask
+    device, dead_man = seat.device, OWN.dead_man_button
+    said = [(OWN.rearm_button, 1), (dead_man, 1)], [(dead_man, 0)]
+    batches = [[Event(joystick.EV_KEY, *each) for each in batch] for batch in said]
+    device.read = lambda: batches.pop(0) if batches else FakeDevice.read(device)
+    seat.ask()
+    assert not seat.joystick._held
+
+
+def test_whatever_an_opener_raises_is_a_lost_connection():
+    device = Reconnecting(Mock(side_effect=termios.error(5, "gone")))
+    assert device.get(10.0) is None
+    assert "gone" in device.error
 
 
 def test_a_hand_goes_before_the_policy():

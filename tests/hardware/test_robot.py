@@ -173,9 +173,8 @@ def test_a_flood_is_cut_off(monkeypatch, caplog):
     standing = SimpleNamespace(monotonic=lambda: 0.0)
     monkeypatch.setattr("wheelchair_gym.hardware.ros.rosbridge.time", standing)
     taken, left = [], []
-    with closing(
-        RosbridgeServer("127.0.0.1", 0, lambda *m: taken.append(m) or "", left.append)
-    ) as server:
+    server = RosbridgeServer("127.0.0.1", 0, lambda *m: taken.append(m) or "", left.append)
+    with closing(server):
         server.listens["/cmd_vel"] = ("geometry_msgs/Twist",)
         with Client(server.url) as client, suppress(ConnectionClosed):
             for _ in range(2000):
@@ -314,9 +313,8 @@ def test_a_stranger_drives_and_is_scored(scene, seed, episodes, tmp_path):
 
 def test_a_token_is_needed_where_one_is_set():
     taken = []
-    with closing(
-        RosbridgeServer("127.0.0.1", 0, lambda *given: taken.append(given) or "", token="abc")
-    ) as server:
+    server = RosbridgeServer("127.0.0.1", 0, lambda *m: taken.append(m) or "", token="abc")
+    with closing(server):
         server.listens["/cmd_vel"] = ("geometry_msgs/Twist",)
         for headers in ({}, {"Authorization": "Bearer wrong"}):
             with pytest.raises(InvalidStatus, match="401"):

@@ -230,12 +230,6 @@ def lengthened(message):
     return {**message, "ranges": message["ranges"][:-1]}
 
 
-def backwards(message):
-    header = message["header"]
-    stamp = {**header["stamp"], "secs": header["stamp"]["secs"] - 100}
-    return {**message, "header": {**header, "stamp": stamp}}
-
-
 def edited(old, new):
     return lambda message: json.loads(json.dumps(message).replace(old, new))
 
@@ -248,7 +242,7 @@ WRONG = {
     "a single beam": ("/scan", lambda m: {**m, "ranges": [1.0]}, "1 ranges; expected 2 to"),
     "another fan": ("/scan", lambda m: {**m, "angle_increment": 0.001}, "laser.fov"),
     "no angle": ("/scan", lambda m: {**m, "angle_min": None}, "not made as its type says"),
-    "time goes back": ("/scan", backwards, "older than the one before"),
+    "time goes back": ("/scan", lambda m: later(m, -100), "older than the one before"),
     "time stands still": ("/scan", lambda m: m, "older than the one before"),
     "odometry is null": (
         "/ARDUINO1/Odom", edited('on": {"x": ', 'on": {"x": null, "_": '), "not finite",
@@ -356,6 +350,33 @@ def test_a_transform_that_is_broken_costs_itself_only(bridge):
     good = bridge._edge("base_link", "laser_link", bridge.mounted)
     senses.receive("/tf_static", {"transforms": [{"header": {}}, good, 7]}, 1.0)
     assert senses.pose_in("laser_link", "base_link") is not None
+
+
+def test_a_static_transform_that_comes_late_stops_it_until_the_next_scan(bridge, chair):
+    begun(chair)
+    bridge.mute.add("/scan")
+    late = {"transforms": [bridge._edge("base_link", "camera", (0.1, 0.0, 0.0))]}
+
+    def driven():
+        chair.senses.receive("/tf_static", late, time.monotonic())
+        return chair.drive(AHEAD)
+
+    assert until(lambda: np.isnan(driven().laser).all())
+    assert "/scan is silent" in driven().halted
+    bridge.mute.clear()
+    assert until(lambda: chair.drive(AHEAD).halted == "")
+
+
+def test_a_latched_map_may_come_again(bridge):
+    senses = RosSensors(RosSettings(), SENSORS, True)
+    for came in (1.0, 9.0):
+        senses.receive("/map", bridge._map(), came)
+        assert senses.map is not None
+        senses.clear()
+
+
+def test_a_service_without_a_name_does_not_end_the_link(chair):
+    assert chair._link._take('{"op": "call_service", "service": []}', 0.0) == ""
 
 
 @pytest.mark.realtime
@@ -543,7 +564,7 @@ def test_what_does_not_answer_is_one_line(tmp_path, capsys):
         (f"{chairs}:silent", "no rosbridge answers"),
         ("ros://", "expected ros://HOST:PORT"),
         ("ros://x:y", "expected ros://HOST:PORT"),
-        ("ros://x:99999", "expected ros://HOST:PORT"),
+        *((f"ros://{x}", "expected ros://HOST:PORT") for x in ("x:99999", "me@x", "x:1?tls=true")),
         ("tcp://x:1", "there are hardware, ros, twin"),
     ):
         quick = ["--policy", "a_star+pure_pursuit"]  # its rehearsal is short
@@ -551,15 +572,13 @@ def test_what_does_not_answer_is_one_line(tmp_path, capsys):
     plain.close()
 
 
-@pytest.mark.parametrize(
-    ("topic", "why"),
-    [("/scan", "/scan is silent"), ("/tf", "base_link is on map"), ("/map", "/map is silent")],
-)
-def test_what_never_comes_is_named(bridge, topic, why):
+@pytest.mark.parametrize("topic", ["/scan", "/tf", "/map", RANGERS[3]])
+def test_what_never_comes_is_named(bridge, topic):
+    why = "base_link is on map" if topic == "/tf" else f"{topic} is silent"
     bridge.mute.add(topic)
     bridge.mangle[topic] = lambda message: None
-    chair = make_chair(spec(bridge, patience=0.3), env_settings(CONFIG))
-    ask = chair.reset if topic == "/scan" else chair.episode
+    chair = make_chair(spec(bridge, patience=0.3, ultrasonic=RANGERS), env_settings(CONFIG))
+    ask = chair.reset if topic in ("/scan", *RANGERS) else chair.episode
     assert until(lambda: why in refused(ask))  # where a machine is slow, others come late, too
     chair.close()
 
@@ -721,11 +740,11 @@ def test_two_lasers_have_topics_and_mounts_of_their_own(bridge):
     assert "/scan_rear is silent (its last message is of frame laser: " in senses.stale(2.0)
 
 
-def later(message):
-    """The same message, made a second later."""
+def later(message, seconds=1):
+    """The same message, made so much later."""
     header = message["header"]
     stamp = dict(header["stamp"])
-    stamp["secs" if "secs" in stamp else "sec"] += 1
+    stamp["secs" if "secs" in stamp else "sec"] += seconds
     return message | {"header": header | {"stamp": stamp}}
 
 

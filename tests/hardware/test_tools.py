@@ -10,12 +10,8 @@ from tests.hardware.hosted import Hosted
 from tests.sim.worlds import box
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.hardware.boards import parameters
-from wheelchair_gym.hardware.boards.protocol import Switch
-from wheelchair_gym.hardware.tools.diagnostics import (
-    Diagnostics,
-    Orientation,
-    status_rows,
-)
+from wheelchair_gym.hardware.boards.protocol import Command, Switch
+from wheelchair_gym.hardware.tools.diagnostics import Diagnostics, Orientation, status_rows
 from wheelchair_gym.perception.occupancy import fit_wall
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 
@@ -55,7 +51,16 @@ def test_a_whole_chair_is_found_whole(hosted, checker):
     assert rates == pytest.approx({"drive board": 50.0, "range board": 16.7, "laser": 40.0}, abs=1)
 
 
+def lose_commands(link, answered=3):
+    """Let only the first commands of a link pass."""
+    send, left = link.send, [None] * answered
+    link.send = lambda message: (
+        send(message) if not isinstance(message, Command) or (left and not left.pop()) else 999
+    )
+
+
 BROKEN = {
+    "deaf": (lambda h: lose_commands(h.chair.senses.drive), "drive board: answer to a command"),
     "cable": (lambda h: setattr(h.drive, "plugged", False), "drive board: line"),
     "laser": (lambda h: setattr(h.twin.laser, "plugged", False), "laser: line"),
     "range": (lambda h: setattr(h.range, "plugged", False), "range board: line"),

@@ -26,9 +26,9 @@ from wheelchair_gym.hardware.boards.protocol import (
     encode,
 )
 from wheelchair_gym.hardware.laser.hokuyo import Hokuyo
+from wheelchair_gym.hardware.twin import lockstep
 from wheelchair_gym.hardware.twin.board import FREQUENCY
 from wheelchair_gym.hardware.twin.laser import sensor_specs
-from wheelchair_gym.hardware.twin.lockstep import IBUS_BAUD
 from wheelchair_gym.hardware.twin.plant import Slope
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 from wheelchair_gym.sim.chair import SimulatedChair
@@ -137,7 +137,7 @@ def test_baud_rates_are_those_of_the_wire(pilot):
         assert FREQUENCY / (8 * (ubrr + 1)) == BAUD
     ubrr = pilot.twin.drive.read_word(0xCC)
     assert pilot.twin.drive.read_memory(0xC8) & 0x02
-    assert FREQUENCY / (8 * (ubrr + 1)) == pytest.approx(IBUS_BAUD, rel=0.022)
+    assert FREQUENCY / (8 * (ubrr + 1)) == pytest.approx(lockstep.IBUS_BAUD, rel=0.022)
 
 
 def test_ultrasonics_see_the_world(pilot):
@@ -238,6 +238,8 @@ def test_the_lever_lifted_in_motion_leaves_a_chair_that_is_braked(angle, way, en
     assert pilot.twin.motion.speed < end
     assert pilot.now.faults & (Fault.RESET if state == "hung" else Fault.LEVER)
     assert not pilot.now.faults & Fault.RUNAWAY
+    # A broken wire looks like the lever, and then the brakes can hold.
+    assert not pilot.twin.drive.read_memory(lockstep._PORTL) & lockstep._RELEASE
     pilot.twin.close()
 
 

@@ -216,6 +216,7 @@ class HardwareChair(RealChair):
                 return
             self._closed = True
             self._end()
+            self.joystick = lambda now, limits: None  # nobody drives any longer
             with contextlib.suppress(Exception):  # the port may be the very thing that is broken
                 for _ in range(_FINAL_STOPS):
                     self._send(STOP)
@@ -284,7 +285,7 @@ class HardwareChair(RealChair):
     def _is_stopped(self) -> bool:
         """Whether the drive board is known to be stopped until a person re-arms it."""
         received = math.isfinite(self.senses.ages(0.0)["odometry"])
-        return received and self.senses.odometry.mode == Mode.STOPPED
+        return received and bool(self.senses.stopped())
 
     def _not_ready(self) -> str:
         with self._lock:

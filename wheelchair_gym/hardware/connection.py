@@ -41,7 +41,7 @@ class Reconnecting(Generic[Connection]):
             self.connection = self._opener()
             self.error = ""
             self._begin(self.connection)
-        except (OSError, ValueError) as error:  # ValueError: pyserial's for a malformed URL
+        except Exception as error:  # ValueError for a malformed URL; termios.error is no OSError
             self.lose(error)
         return self.connection
 

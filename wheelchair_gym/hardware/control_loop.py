@@ -33,17 +33,14 @@ class Clock(Protocol):
 
     def now(self) -> float:
         """Seconds; they never decrease."""
-        ...
 
     def wait(self, deadline: float, cancelled: threading.Event | None = None) -> None:
         """Wait until a deadline [s], or until the event is set."""
-        ...
 
     def call_every(
         self, callback: Callable[[], object], interval: float, name: str
     ) -> Callable[[], None]:
         """Call a function at an interval [s] beside the caller; returns what ends that."""
-        ...
 
 
 class WallClock:

@@ -103,7 +103,7 @@ class Joystick(Reconnecting[Any]):
     ) -> None:
         super().__init__(lambda: opener(settings))
         self.settings, self.in_control = settings, False
-        self._rearm = rearm
+        self._rearm, self._asks = rearm, False
         self._release()
 
     def __call__(self, now: float, limits: Limits) -> Array | None:
@@ -149,10 +149,13 @@ class Joystick(Reconnecting[Any]):
             for event in device.read():
                 self._handle(event, device)
         except BlockingIOError:  # no events
-            return
+            pass
         except OSError as error:
             self._release()
             self.lose(error)
+        if self._asks:  # not in between: a re-arm may read events, too
+            self._asks = False
+            self._rearm()
 
     def _handle(self, event: Any, device: Any) -> None:
         settings = self.settings
@@ -174,8 +177,7 @@ class Joystick(Reconnecting[Any]):
         elif pressed and event.code == settings.release_button:
             self.in_control &= self._held
         elif pressed and event.code == settings.rearm_button and not any(self._deflection):
-            self._free = False
-            self._rearm()
+            self._free, self._asks = False, True
 
     @property
     def _deflection(self) -> tuple[float, float]:

@@ -50,7 +50,7 @@ def chair_settings(spec: str | Mapping[str, Any], base: HardwareSettings | None 
             host, port = url.hostname, url.port
         except ValueError:
             host, port = None, None
-        if not host or url.path not in ("", "/"):
+        if not host or url.path not in ("", "/") or url.query or url.fragment or "@" in name:
             raise InputError(f"chair {name!r}: expected {name.partition(':')[0]}://HOST:PORT")
         name, place = url.scheme, {"host": host} | ({} if port is None else {"port": port})
     if name in PRESETS:

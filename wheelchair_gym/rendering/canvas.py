@@ -36,10 +36,6 @@ class Frame:
         placed: Array = p * (self.scale, -self.scale) + (self.left, self.bottom)
         return placed
 
-    def scaled(self, factor: float) -> Frame:
-        """The frame of the same picture with `factor` times as many pixels a side."""
-        return Frame(self.scale * factor, self.left * factor, self.bottom * factor)
-
 
 @dataclass(frozen=True)
 class Canvas:
@@ -55,7 +51,9 @@ class Canvas:
         h, w = self.image.shape[:2]
         size = (int(w * factor), int(h * factor))
         image: Any = cv2.resize(self.image, size, interpolation=how)
-        return Canvas(image, self.frame.scaled(factor), self.stroke_scale * factor)
+        f = self.frame
+        frame = Frame(f.scale * factor, f.left * factor, f.bottom * factor)
+        return Canvas(image, frame, self.stroke_scale * factor)
 
     def _fixed(self, points: ArrayLike) -> NDArray[np.int32]:
         """Points (n, 2) [m] in OpenCV's fixed-point pixels, whose integers are pixel centres."""

@@ -151,7 +151,8 @@ class Window:
         if any(
             event.type == pygame.QUIT
             or (event.type == pygame.KEYDOWN and event.key in (pygame.K_ESCAPE, pygame.K_q))
-            for event in pygame.event.get()
+            # Keys that are let go are for who reads the keyboard.
+            for event in pygame.event.get(exclude=(pygame.KEYUP, pygame.WINDOWFOCUSLOST))
         ):
             self.close()
             return False

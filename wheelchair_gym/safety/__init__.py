@@ -1,7 +1,5 @@
 """The shield between any policy and any chair, and the table of reasons for which a chair stops."""
 
-from __future__ import annotations
-
 from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.safety.shield import Decision, Shield
 

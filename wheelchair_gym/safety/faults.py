@@ -196,7 +196,7 @@ def _check_ultrasonics(
         if max(old, s.sonar_silent[k]) > g.stale_ultrasonic + _ROUND:
             reason = SONAR_SILENT
         if s.deaf[k] >= _DEAF:
-            reason = SONAR_DEAF
+            reason, s.deaf[k] = SONAR_DEAF, 0  # a fault from now on, which a person clears
         stuck |= s.steady[k].stuck
     now = hash_floats(age, hash_floats(ultrasonic, np.uint64(0)))
     repeats = mounted and moves and s.begun and now == s.sonar_hash

@@ -347,6 +347,9 @@ def test_keys_are_a_stick_while_they_are_read_and_the_window_is_looked_at(monkey
     post(pygame.KEYDOWN, pygame.K_UP)
     post(pygame.KEYDOWN, pygame.K_a)
     assert read(0.1) == (Stick(1.0, 1.0, False), "")
+    post(pygame.KEYUP, pygame.K_a)
+    assert keys._window.show(np.zeros((9, 9, 3), np.uint8))  # it leaves keys that are let go
+    assert read(0.1) == (Stick(1.0, 0.0, False), "")
     post(pygame.KEYDOWN, pygame.K_LSHIFT)
     assert read(0.2)[0].forward == 0.4
     assert keys.stick(1.0) == (Stick(0.0, 0.0, False), NO_STICK)  # nobody reads them
@@ -372,25 +375,22 @@ def test_a_gamepad_drives_with_help_while_its_button_is_held():
 
     device = FakeDevice()
     pad = Joystick(OWN, opener=lambda own: device)
-    clock = []
     ride = Ride(lambda t: None, source=pad)
     ride.hosted.chair.joystick = pad
-
-    def play(at, *acts):
-        clock.append((at, acts))
-
-    play(0.0, (OWN.assist_button, 1))
-    play(0.3, "push")
-    play(2.5, (OWN.assist_button, 0))
-    play(4.0, "centre", (OWN.dead_man_button, 1))
-    play(4.3, "push")
-    play(6.5, "centre", (OWN.dead_man_button, 0), (OWN.release_button, 1))
-    play(7.0, (OWN.assist_button, 1))
-    play(7.3, "push")
+    clock = [
+        (0.0, (OWN.assist_button, 1)),
+        (0.3, "push"),
+        (2.5, (OWN.assist_button, 0)),
+        (4.0, "centre", (OWN.dead_man_button, 1)),
+        (4.3, "push"),
+        (6.5, "centre", (OWN.dead_man_button, 0), (OWN.release_button, 1)),
+        (7.0, (OWN.assist_button, 1)),
+        (7.3, "push"),
+    ]
 
     def fingers():
         while clock and ride.begun is not None and ride.now() >= clock[0][0]:
-            for act in clock.pop(0)[1]:
+            for act in clock.pop(0)[1:]:
                 if act == "push":
                     device.tilt(ahead=1.0)
                 elif act == "centre":

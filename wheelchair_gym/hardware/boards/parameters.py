@@ -9,6 +9,8 @@ import math
 from dataclasses import fields
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from wheelchair_gym.hardware.boards.link import Link
 from wheelchair_gym.hardware.boards.protocol import Get, Mode, Parameter, Save, Set, Status
 from wheelchair_gym.hardware.settings import HardwareSettings
@@ -113,7 +115,7 @@ class ParameterTable:
     def refuses(self, name: str, value: float) -> bool:
         """Whether the board's own bounds of a parameter, if reported, forbid a value."""
         held = self.reported.get(name)
-        return held is not None and not held.low <= value <= held.high
+        return held is not None and not held.low <= float(np.float32(value)) <= held.high
 
 
 def set_parameters(

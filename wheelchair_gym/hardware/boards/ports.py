@@ -29,15 +29,12 @@ class Port(Protocol):
 
     def read_all(self) -> bytes:
         """All bytes that have come, without waiting."""
-        ...
 
     def write(self, data: bytes) -> int | None:
         """Send bytes."""
-        ...
 
     def close(self) -> None:
         """Close the port."""
-        ...
 
 
 def open_port(url: str) -> Port:

@@ -291,7 +291,8 @@ class BoardSensors:
 
     def stopped(self) -> str:
         """Why the drive board has stopped until a person re-arms it; empty: it has not."""
-        if self.odometry.mode != protocol.Mode.STOPPED:
+        holds = self.odometry.faults & protocol.Fault.BRAKE  # by its motors; it is not in STOPPED
+        if self.odometry.mode != protocol.Mode.STOPPED and not holds:
             return ""
         why = protocol.Fault(self.odometry.faults).name or "not armed"
         return f"the drive board has stopped ({why}); a person must re-arm it"

@@ -82,7 +82,7 @@ def open_laser(url: str) -> Port:
     if not url.startswith(_TCP):
         return open_port(url)
     host, _, port = url.removeprefix(_TCP).rstrip("/").partition(":")
-    if not host or not (port or "0").isdecimal():
+    if not host or not (port or "0").isdecimal() or int(port or PORT) > 65_535:
         raise InputError(f"{url!r} is no laser; expected tcp://HOST:PORT or a serial device")
     return TcpPort(host, int(port or PORT))
 

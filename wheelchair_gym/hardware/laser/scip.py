@@ -152,7 +152,6 @@ class Scan(NamedTuple):
     """One turn of the laser; ranges as in REP-117."""
 
     stamp: int  # ms, of the sensor's clock, below STAMP_WRAP
-    first: int  # step of the first range
     ranges: Floats  # (n,) m: +inf no echo, NaN invalid
 
 
@@ -201,4 +200,4 @@ def scan_of(reply: Reply, farthest: float) -> Scan | None:
     first, last, cluster = fields
     if len(numbers) != (last - first) // cluster + 1:
         return None
-    return Scan(int(stamp[0]), first, metres(numbers, farthest))
+    return Scan(int(stamp[0]), metres(numbers, farthest))

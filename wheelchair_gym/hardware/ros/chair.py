@@ -103,7 +103,8 @@ class RosChair(RealChair):
         def missing() -> str:
             if wrong := self.senses.laser_mount_error():
                 raise InputError(f"{self.url}: {wrong}")
-            return self.senses.stale(self.clock.now()) or self.senses.moving()
+            senses = self.senses
+            return senses.stale(self.clock.now()) or senses.unheard() or senses.moving()
 
         self._await(missing)
         self._begin(self.senses.odometry[0])

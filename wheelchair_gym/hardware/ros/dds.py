@@ -67,7 +67,8 @@ def idl_type(kind: str) -> Any:
             name, bound = definition
             if name == "string":
                 return types.bounded_str[bound] if bound else str
-            return {"bool": bool}.get(name) or getattr(types, _INTEGERS.get(name, name))
+            name = {"byte": "uint8", "char": "uint8"}.get(name, name)
+            return {"bool": bool}.get(name) or getattr(types, name)
         (inner, detail), length = definition
         each = of(inner, detail)
         if node == Nodetype.ARRAY:
@@ -82,9 +83,6 @@ def idl_type(kind: str) -> Any:
     found.serialize = lambda sample, **_: bytes(sample.cdr)
     found.deserialize = classmethod(lambda cls, data, **_: _sample(cls, data))
     return found
-
-
-_INTEGERS: Final = {"byte": "uint8", "char": "uint8"}
 
 
 def _sample(kind: Any, cdr: Any) -> Any:

@@ -211,8 +211,7 @@ class Rosbridge:
         operation = content.get("op") if isinstance(content, dict) else None
         if operation == "publish" and isinstance(content.get("topic"), str):
             self._on_message(content["topic"], content.get("msg"), now)
-        elif operation == "call_service" and content.get("service") in self.services:
-            name = content["service"]
+        elif operation == "call_service" and (name := str(content.get("service"))) in self.services:
             answer = {"op": "service_response", "service": name, "result": True}
             values = self.services[name](content.get("args") or {})
             self._send(answer | {"id": content.get("id"), "values": values})

@@ -202,8 +202,9 @@ class RosSensors:
                 for one in self._lasers:  # those that came before were read without it
                     self._newest.pop(one, None)
             else:
-                stamp = ros.stamp(message["header"])
-                self._newest[topic] = Stamped(value, self._made_at(topic, stamp, came))
+                stamp = ros.stamp(message["header"])  # a latched map comes again with its stamp
+                made = came if topic == s.map else self._made_at(topic, stamp, came)
+                self._newest[topic] = Stamped(value, made)
             self._wrong.pop(topic, None)
         except KeyError as error:
             self._refuse(topic, f"lacks {error}")
@@ -246,6 +247,11 @@ class RosSensors:
             if pose is None or now - pose.measured_at > self.settings.limits.pose:
                 return self.describe_missing_pose()
         return ""
+
+    def unheard(self) -> str:
+        """That an ultrasonic has sent nothing yet; empty: all have."""
+        silent = (topic for topic in self.settings.ultrasonic if topic not in self._newest)
+        return next(map(self.describe_silence, silent), "")
 
     @property
     def odometry(self) -> tuple[Array, Array]:
@@ -347,13 +353,13 @@ class RosSensors:
         """Laser, ultrasonics and their ages; what is too old is invalid."""
         s = self.settings
         scans = []
-        for topic in self._lasers:
-            scan = self._newest[topic]
+        for topic, laser in self._lasers.items():
+            scan = self._newest.get(topic, NEVER)
             fresh = now - scan.measured_at <= s.limits.scan
-            scans.append(scan.value if fresh else np.full_like(scan.value, np.nan))
-        laser = np.concatenate(scans)
+            scans.append(scan.value if fresh else np.full(laser.beams, np.nan, np.float32))
         newest = [self._newest.get(topic, NEVER) for topic in s.ultrasonic]
         newest += [NEVER] * (self.sensors.ultrasonic.columns - len(newest))
         ages = np.array([now - one.measured_at for one in newest], np.float32)
         values = np.array([one.value for one in newest], np.float32)
-        return laser, np.where(ages <= s.limits.ultrasonic, values, np.float32(np.nan)), ages
+        values[ages > s.limits.ultrasonic] = np.nan
+        return np.concatenate(scans), values, ages

@@ -12,16 +12,9 @@ import numpy as np
 
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.geometry.outline import Footprint
+from wheelchair_gym.hardware.boards import protocol
 from wheelchair_gym.hardware.boards.ports import silent_advice
-from wheelchair_gym.hardware.boards.protocol import (
-    Board,
-    Command,
-    Fault,
-    Identify,
-    Mode,
-    RangeStatus,
-    Switch,
-)
+from wheelchair_gym.hardware.boards.protocol import Board, Fault, Mode, RangeStatus, Switch
 from wheelchair_gym.hardware.boards.senses import LASERS, POLL_PERIOD, BoardSensors
 from wheelchair_gym.hardware.control_loop import Clock
 from wheelchair_gym.perception.occupancy import read_scan, wall_ahead
@@ -68,6 +61,7 @@ def status_rows(senses: BoardSensors, now: float) -> list[tuple[str, str]]:
 
 WATCH = 3.0  # s for which rates are measured
 PATIENCE = 3.0  # s for the first message of each part
+ANSWER = 0.5  # s after which a command or its answer was lost
 LATE = 0.03  # s from a command to odometry that echoes it: its period of 20 ms, and the line
 RATES = {"odometry": 50.0, "ultrasonic": 1.0 / 0.06}  # Hz
 SCAN_RATE = 40.0  # Hz
@@ -149,7 +143,7 @@ class Diagnostics:
             part = f"{name} board"
             if data not in self._links or data in self._missing():
                 continue
-            self._links[data].send(Identify())
+            self._links[data].send(protocol.Identify())
             self._wait(lambda n=name: n in self.senses.identities, 0.5)  # type: ignore[misc]
             identity = self.senses.identities.get(name)
             if identity is None:
@@ -178,11 +172,11 @@ class Diagnostics:
     def _rates(self) -> Iterator[Finding]:
         senses, counts = self.senses, dict.fromkeys(self._parts, 0)
         latest: dict[str, float] = {}
-        delays, sequence, sent = [], None, 0.0
+        delays, sequence, sent, n_lost = [], None, 0.0, 0
         begun = self.clock.now()
         while self.clock.now() - begun < WATCH:
             if sequence is None:
-                sequence, sent = senses.drive.send(Command(0.0, 0.0)), self.clock.now()
+                sequence, sent = senses.drive.send(protocol.Command(0.0, 0.0)), self.clock.now()
             senses.poll()
             now = self.clock.now()
             for name, age in senses.ages(now).items():
@@ -192,6 +186,8 @@ class Diagnostics:
             if math.isfinite(senses.ages(now)["odometry"]) and senses.odometry.echo == sequence:
                 delays.append(now - sent)
                 sequence = None
+            elif sequence is not None and now - sent > ANSWER:
+                n_lost, sequence = n_lost + 1, None
             self.clock.wait(now + POLL_PERIOD)
         advice = "a busy computer or USB hub; a wrong device"
         for name, count in counts.items():
@@ -201,7 +197,8 @@ class Diagnostics:
                 text = f"{rate:.1f} Hz, expected {expected:.1f}"
                 yield Finding(self._parts[name], "rate", text, good, advice)
         p99 = float(np.quantile(delays, 0.99)) if delays else math.inf
-        text, good = f"{1e3 * p99:.0f} ms (99 % of {len(delays)})", p99 <= LATE + POLL_PERIOD
+        text = f"{1e3 * p99:.0f} ms (99 % of {len(delays)}), {n_lost} without an answer"
+        good = p99 <= LATE + POLL_PERIOD and not n_lost
         advice = "USB latency timer, a busy computer"
         yield Finding("drive board", "answer to a command", text, good, advice)
         bad = senses.drive.statistics.bad + (senses.range.statistics.bad if senses.range else 0)

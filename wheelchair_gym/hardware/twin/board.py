@@ -195,16 +195,11 @@ class EmulatedBoard(NotCopyable):
         self._ping = self._ffi.callback("int32_t(uint8_t, uint64_t)", ping)
         self._library.board_on_ping(self._board, self._ping)
 
-    def add_pulse_sonar(self, trigger: tuple[str, int], echo: tuple[str, int]) -> None:
-        """Wire the next HC-SR04."""
-        ends = (trigger[0].encode(), trigger[1], echo[0].encode(), echo[1])
-        self._library.board_pulse_sonar(self._board, *ends)
-
     def call(self, name: str, *arguments: Any) -> Any:
         """Call another function of emulator.c on this board: `board_overruns` as "overruns".
 
         Some measure: bytes that a line lost, how long an interrupt waits, when a pin changes.
-        Others set the voltage at an analogue input [mV], or wire the next SRF08.
+        Others set the voltage at an analogue input [mV], or wire the next HC-SR04 or SRF08.
         """
         return getattr(self._library, f"board_{name}")(self._board, *arguments)
 

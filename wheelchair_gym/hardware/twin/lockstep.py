@@ -113,7 +113,7 @@ class Twin:
             wanted = range_parameters(chair.sensors.ultrasonic)
             self.range.set_eeprom(stored_parameters(*ranges, tuple(wanted.items())))
         for i in range(4):
-            self.range.add_pulse_sonar(("D", 4 + i), ("B", i))
+            self.range.call("pulse_sonar", b"D", 4 + i, b"B", i)
         for i in range(len(self.plant.chair.sensors.ultrasonic.mounted) - 4):
             self.range.call("bus_sonar", _BUS_SONAR + 2 * i)
         self.range.on_ping(self._ping)
