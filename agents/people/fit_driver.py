@@ -30,15 +30,9 @@ from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.settings import InputError, dump
 from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.geometry.planar import body_to_world
-from wheelchair_gym.people.drivers import make_driver
+from wheelchair_gym.people.drivers import make_driver, step
 from wheelchair_gym.people.drivers.settings import Driver, Hand, ProportionalStick, Switches
 from wheelchair_gym.people.drivers.state import TICK_RATE, tremor_filter
-from wheelchair_gym.people.drivers.step import (
-    beyond_dead_zone,
-    push_through,
-    smoothing_share,
-    weaken,
-)
 
 TICK = 1.0 / TICK_RATE  # s
 MIN_RATE = 25.0  # Hz: sessions recorded more slowly show a tremor at wrong frequencies
@@ -209,7 +203,7 @@ def _respond(
     tick = TICK
     go, back = 1.0 - math.exp(-tick / p[1]), 1.0 - math.exp(-tick / p[2])
     hx = hy = fx = fy = 0.0
-    share, weak = smoothing_share(smoothing, tick), (p[3], p[4], p[5], p[6])
+    share, weak = step.smoothing_share(smoothing, tick), (p[3], p[4], p[5], p[6])
     c, s = math.cos(p[7]), math.sin(p[7])
     n, row, k = 0, -1, 0
     while n < out.shape[0]:
@@ -223,19 +217,19 @@ def _respond(
             before = max(0, row - 1)
             x = part * asked[row, 0] + (1.0 - part) * asked[before, 0]
             y = part * asked[row, 1] + (1.0 - part) * asked[before, 1]
-        x, y = push_through(x, y, zone)
+        x, y = step.push_through(x, y, zone)
         hx += (x - hx) * (back if abs(x) < abs(hx) else go)
         hy += (y - hy) * (back if abs(y) < abs(hy) else go)
         tx, ty = hx, hy
         if k < tremor.shape[0]:
             tx, ty = hx + tremor[k, 0], hy + tremor[k, 1]
-        tx, ty = weaken(tx, ty, weak)
+        tx, ty = step.weaken(tx, ty, weak)
         tx, ty = body_to_world(c, s, tx, ty)
         fx += (min(1.0, max(-1.0, tx + p[8])) - fx) * share
         fy += (min(1.0, max(-1.0, ty + p[9])) - fy) * share
         k += 1
         if k >= (n + 1) * every - 0.5:
-            out[n, 0], out[n, 1] = beyond_dead_zone(fx, fy, zone, gain)
+            out[n, 0], out[n, 1] = step.beyond_dead_zone(fx, fy, zone, gain)
             n += 1
 
 
@@ -419,7 +413,7 @@ def _tremor_spectrum(f: Array, rate: float, hand: Any, smoothing: float) -> Arra
     folds = round(TICK_RATE / rate)
     every = [f] + [sign * f + k * rate for k in range(1, folds // 2 + 1) for sign in (-1.0, 1.0)]
     total = np.zeros_like(f)
-    share = smoothing_share(smoothing, TICK)
+    share = step.smoothing_share(smoothing, TICK)
     for g in every:
         z = np.exp(-2j * math.pi * np.abs(g) * TICK)
         shape = gain**2 / np.abs(1.0 - a * z + b * z * z) ** 2

@@ -117,7 +117,7 @@ def delete(folder: Path, participant: int) -> int:
         raise InputError(f"{folder} holds nothing of participant {participant}")
     Chain(own / STEPS).close()  # nobody writes
     exports = [folder / name for name in (DATA, WIDE, ATTEMPTS, PAGE)]
-    files += [path for path in exports if path.exists()]
+    files = [*(path for path in exports if path.exists()), *files]  # first: so it can be resumed
     if not tombstone.exists():  # it was interrupted
         write_json(tombstone, {"participant": participant, "at": now(), "files": len(files)})
     for path in files:

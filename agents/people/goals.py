@@ -354,17 +354,15 @@ class _Method:
     def _goal(self, now: assistant.AssistInput, wanted: float) -> tuple[Array, bool] | None:
         """The pose (3,) in the chair's frame that the stick asks for, and whether it is docking."""
         limits, (v, w) = self._mission.limits, now.asked
-        front = self._mission.chair.footprint.front
+        footprint = self._mission.chair.footprint
         low = math.hypot(v / limits.forward, w / limits.turn) <= DOCK_STICK
-        ahead = assistant.find_front(now.points, front, DOCK_REACH) if low else None
+        ahead = assistant.find_front(now.points, footprint.front, DOCK_REACH) if low else None
         if ahead is not None and abs(ahead[1]) < DOCK_ANGLE and abs(wanted) < ANGLE:
             far, yaw = ahead
-            away = front + DOCK_GAP
+            away = footprint.front + DOCK_GAP
             return np.array([far - away * math.cos(yaw), -away * math.sin(yaw), yaw]), True
         best, minimum = None, math.inf
-        for x, y, yaw, gap in assistant.find_doors(
-            now.points, self._mission.chair.footprint.half_width
-        ):
+        for x, y, yaw, gap in assistant.find_doors(now.points, footprint.half_width):
             bearing, far = math.atan2(y, x), math.hypot(x, y)
             off = abs(planar.wrap(bearing - wanted))
             fits = gap < WIDEST and far < REACH and off < ANGLE

@@ -17,6 +17,7 @@ from wheelchair_gym.scenes import make_scene
 
 _OWN = "the experimenter's choice"
 Device = Literal["keyboard", "gamepad", "touch", "switch"]
+MOST_ANSWERS = 100  # as in `values` of a message of the page (messages.yaml)
 DEVICES: tuple[Device, ...] = ("keyboard", "gamepad", "touch", "switch")
 MIN_SCAN = 0.3  # s for which a command must be lit, so that a person can press
 _GROUPS, _CONDITIONS, _TASKS, _WORLDS = range(4)  # what is drawn by the seed of a protocol
@@ -192,7 +193,7 @@ class Protocol:
             "conditions": self.conditions, "tasks": self.practice + self.tasks,
             "questionnaires": self.questionnaires, "groups": self.groups,
         }  # fmt: skip
-        used = {NASA_TLX, "consent"}  # names in the keys of steps
+        used = {NASA_TLX, "consent", "drive"}  # names in the keys of steps, and of sources
         for key, entries in kinds.items():
             names = [entry.name for entry in entries]
             for name in names:
@@ -203,13 +204,16 @@ class Protocol:
             used |= set(names) if key == "tasks" else set()
         if not self.devices or len(set(self.devices)) < len(self.devices):
             raise InputError(f"Protocol.devices: expected some of {', '.join(DEVICES)}, each once")
+        if "switch" in self.devices and any(one.hand != Hand() for one in self.conditions):
+            raise InputError("Protocol.devices: expected no switch, to which no `hand` applies")
         if 0.0 < self.scan_period < MIN_SCAN:
             raise InputError(f"Protocol.scan_period is {self.scan_period:g}; expected 0 or >= 0.3")
         if not self.conditions or not self.tasks:
             raise InputError("Protocol: expected at least one condition and one task")
         for asked in self.questionnaires:
-            if not asked.statements:
-                raise InputError(f"questionnaire {asked.name}: expected at least one statement")
+            if not 0 < len(set(asked.statements)) == len(asked.statements) <= MOST_ANSWERS:
+                wrong = f"expected 1 to {MOST_ANSWERS} different statements"
+                raise InputError(f"questionnaire {asked.name}: {wrong}")
         conditions = [condition.name for condition in self.conditions]
         for group in self.groups:
             named = group.conditions
@@ -231,9 +235,12 @@ class Protocol:
 
     def _row(self, participant: int, n: int, *of: int) -> list[int]:
         """Return a balanced order of n things: each block of participants has a whole square."""
-        rows = williams(n)
-        block, k = divmod((participant - 1) // max(1, len(self.groups)), len(rows))
-        return rows[np.random.default_rng([self.seed, *of, block]).permutation(len(rows))[k]]
+        return williams(n)[self._drawn(participant, len(williams(n)), *of)[1]]
+
+    def _drawn(self, participant: int, n: int, *of: int) -> tuple[int, int]:
+        """Return a participant's block, and which of n rows it has: a block has each once."""
+        block, k = divmod((participant - 1) // max(1, len(self.groups)), n)
+        return block, int(np.random.default_rng([self.seed, *of, block]).permutation(n)[k])
 
     def conditions_of(self, participant: int) -> tuple[Condition, ...]:
         """Return the conditions in the order of a participant (a number from 1)."""
@@ -263,15 +270,16 @@ class Protocol:
         """Return the seed of the world of a drive; `attempt` counts from 1.
 
         Without a seed of its task, a participant drives in no world twice. The worlds of a task are
-        the same for all participants, in a balanced order.
+        the same for all participants; each is met at each place, and in each condition, as often.
         """
         tasks = (*self.practice, *self.tasks)
         number = [task.name for task in tasks].index(step.task)
         seed = tasks[number].seed
         if seed is not None:
             return seed
-        n = len(self.conditions_of(participant))
-        place = self._row(participant, n, _WORLDS, number)[step.position - 1]
+        rows = williams(n := len(self.conditions_of(participant)))
+        block, row = self._drawn(participant, len(rows), _CONDITIONS)
+        place = (rows[row][step.position - 1] + (block * len(rows) + row) // n + number) % n
         first = int(np.random.default_rng([self.seed, _WORLDS]).integers(2**30))
         return first + _ATTEMPTS * (number * len(self.conditions) + place) + attempt - 1
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -142,20 +143,19 @@ ONLY_OF_SUCCESSES = (_NAME["time"], _NAME["length"])
 Values = Mapping[tuple[int, str], float]  # by participant and task
 
 
+def _counted(rows: Sequence[Record], measure: str) -> list[Record]:
+    """Rows of a measure; time and length are of drives that succeeded."""
+    drive = itemgetter("participant", "condition", "task")
+    good = {drive(row) for row in rows if row["measure"] == _NAME["success"] and row["value"]}
+    found = [row for row in rows if row["measure"] == measure]
+    return [row for row in found if measure not in ONLY_OF_SUCCESSES or drive(row) in good]
+
+
 def _values(rows: Sequence[Record], measure: str, conditions: list[str]) -> Mapping[str, Values]:
-    """Values of a measure by condition; time and length of drives that succeeded."""
-    succeeded = {
-        (row["participant"], row["condition"], row["task"])
-        for row in rows
-        if row["measure"] == _NAME["success"] and row["value"]
-    }
+    """Values of a measure by condition."""
     found: dict[str, dict[tuple[int, str], float]] = {name: {} for name in conditions}
-    for row in rows:
-        drive = row["participant"], row["condition"], row["task"]
-        if row["measure"] != measure:
-            continue
-        if measure not in ONLY_OF_SUCCESSES or drive in succeeded:
-            found[row["condition"]][row["participant"], row["task"]] = row["value"]
+    for row in _counted(rows, measure):
+        found[row["condition"]][row["participant"], row["task"]] = row["value"]
     return found
 
 
@@ -230,7 +230,7 @@ def _tables(rows: Sequence[Record], conditions: list[str], groups: list[str]) ->
         made = [("conditions", "conditions", _compared(rows, ["all"], _within)[0])]
     else:
         means, tests = _compared(rows, conditions, _within)
-        periods = [_periods([row for row in rows if row["measure"] == name], title)
+        periods = [_periods(_counted(rows, name), title)
                    for name, title in _measures(rows).items()]  # fmt: skip
         made = [("conditions", "conditions", means),
                 ("differences", "differences within participants", tests),
@@ -269,7 +269,7 @@ def _periods(rows: Sequence[Record], title: str) -> list[Record]:
     found: dict[int, dict[int, list[Record]]] = {}  # by participant: by position
     for row in rows:
         found.setdefault(row["participant"], {}).setdefault(row["position"], []).append(row)
-    last = max(max(of) for of in found.values())
+    last = max((max(of) for of in found.values()), default=0)
     whole = [of for of in found.values() if len(of) == last]
     if last < 2 or len(whole) < 2:
         return []

@@ -147,7 +147,9 @@ def read_folder(folder: str | Path) -> tuple[Protocol, list[Progress]]:
     """
     folder = Path(folder)
     protocol = stored.current_protocol(folder)
-    stores = sorted(folder.glob(f"participant_{4 * '[0-9]'}/{stored.STEPS}"))
+    # A folder that cannot be read is an error; a pattern for what is in it would leave it out.
+    own = sorted(folder.glob(f"participant_{4 * '[0-9]'}"))
+    stores = [path / stored.STEPS for path in own if (path / stored.STEPS).exists()]
     people = [progress_of(folder, protocol, int(path.parent.name[-4:])) for path in stores]
     return protocol, [one for one in people if one.last]
 

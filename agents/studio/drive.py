@@ -231,7 +231,8 @@ class Drive:
         labels = {"assistant": order.assist}
         if self._hand is not None:  # what is recorded is what it makes of the person's
             by = self._hand.driver.interface.kind
-            labels |= {"hand": order.hand} if order.hand != NO_HAND else {}
+            is_simulated = order.hand != NO_HAND and not self._scan_period
+            labels |= {"hand": order.hand} if is_simulated else {}
         if order.sight != NO_SIGHT:
             sight = order.sight
             labels["sight"] = dump(sight) if isinstance(sight, Perception) else sight

@@ -70,7 +70,10 @@ class Desk:
 
     def page(self, error: str = "") -> str:
         """Return the page as HTML."""
-        people = read_folder(self.folder)[1]
+        try:
+            people = read_folder(self.folder)[1]
+        except InputError as damaged:
+            people, error = [], error or str(damaged)
         rows = [one.row() | {"open": one.participant in self.open} for one in people]
         said = [
             remark | {"participant": one.participant} for one in people for remark in one.remarks

@@ -338,9 +338,10 @@ class PlanSession(PageSession):
     def on_save(self, message: Message) -> None:
         """Write the map, or the problem; a map may then be driven on."""
         name = message["name"]
-        if not _NAME.fullmatch(name):
+        if not _NAME.fullmatch(name) or re.match("protocol$|amendment_|deleted_", name):
             raise InputError(
-                f"save.name is {name!r}; expected at most 60 letters, digits, spaces, - and _"
+                f"save.name is {name!r}; expected at most 60 letters, digits, spaces, - and _, and "
+                "no name of an experiment's file"
             )
         self._folder.mkdir(parents=True, exist_ok=True)
         if message["what"] == "problem":

@@ -278,7 +278,9 @@ class StudySession(DriveSession):
 
     def on_withdraw(self, message: Message) -> None:
         """End the session for good, since the participant wants that."""
-        self.on_stop(message)
-        if self._of().progress.state not in OVER:
-            self._of().mark("withdrawn")
+        try:
+            if self._of().progress.state not in OVER:
+                self._of().mark("withdrawn")  # before the end of the drive can end the session
+        finally:
+            self.on_stop(message)
         self._send_step()

@@ -150,8 +150,7 @@ def drives(config):
     yield driven(on, corridor(width=2.4), 1.5, follower, person).tobytes()
 
 
-@pytest.mark.parametrize(
-    "name", sorted(set(FOLLOWERS) - {"thesis"})
-)  # it is `controls` with others
+# The thesis's is `controls` with others.
+@pytest.mark.parametrize("name", sorted(set(FOLLOWERS) - {"thesis"}))
 def test_each_setting_of_a_follower_changes_a_drive(name):
     assert idle_settings("", FOLLOWERS[name], drives) == set()

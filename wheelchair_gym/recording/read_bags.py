@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import logging
 import math
+import re
 import shutil
 import sqlite3
 import struct
@@ -24,7 +25,7 @@ import numpy as np
 
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.errors import InputError, shorten
-from wheelchair_gym.base.files import LIMITS, opened, read_bytes
+from wheelchair_gym.base.files import LIMITS, opened, read_bytes, read_text
 from wheelchair_gym.geometry.planar import compose
 from wheelchair_gym.hardware.ros import messages as ros
 from wheelchair_gym.hardware.ros.make_messages import deserialized
@@ -170,6 +171,10 @@ _OTHERS: Final = {
 }
 
 
+_PACKED: Final = (".zstd", ".zst", ".lz4")
+_PART: Final = re.compile(r"^\s*- +['\"]?(\S+\.(?:mcap|db3)(?:\.\w+)?)['\"]?\s*$", re.MULTILINE)
+
+
 def is_bag(path: str | Path) -> bool:
     """Whether a path is a folder, a .db3 file, or an MCAP file of ROS 2.
 
@@ -201,6 +206,7 @@ def bag_messages(path: str | Path, wanted: Callable[[str, str], bool]) -> list[R
     files = [path]
     if path.is_dir():
         files = [one for one in path.iterdir() if one.suffix in (".mcap", ".db3")]
+        _check_parts(path, len(files))
     if not files:
         raise InputError(
             f"{path}: expected a ROS 2 bag; it holds neither .mcap nor .db3 (`ros2 bag convert` "
@@ -211,6 +217,16 @@ def bag_messages(path: str | Path, wanted: Callable[[str, str], bool]) -> list[R
         found += (_rows if file.suffix == ".db3" else mcap_messages)(file, wanted)
     found.sort(key=lambda message: message.time)
     return found
+
+
+def _check_parts(folder: Path, n: int) -> None:
+    """Refuse a bag of whose files some are compressed, or missing: n can be read."""
+    about = folder / "metadata.yaml"
+    named = _PART.findall(read_text(about, errors="replace")) if about.is_file() else []
+    packed = sorted(one.name for one in folder.iterdir() if one.suffix in _PACKED)
+    if n and (packed or len(named) > n):
+        why = f"{packed[0]} is compressed" if packed else f"metadata.yaml names {len(named)} files"
+        raise InputError(f"{folder}: {why}, {n} can be read; expected all, as .mcap or .db3")
 
 
 def _rows(file: Path, wanted: Callable[[str, str], bool]) -> list[Recorded]:

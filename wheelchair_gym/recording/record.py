@@ -6,7 +6,6 @@ same to the last bit, so that a run can be replayed and judged again (`recording
 
 from __future__ import annotations
 
-import logging
 import math
 import time
 from pathlib import Path
@@ -30,7 +29,6 @@ from wheelchair_gym.types import Belief, Shown, Stick
 if TYPE_CHECKING:
     from wheelchair_gym.task.task import Observation
 
-_LOG = logging.getLogger(__name__)
 _SPACING = 0.05  # m between two points of a trail
 _JPEG_QUALITY = 80
 REFRESH_PERIOD = 1.0  # s, of what changes seldom: map, path, mounts, outline and trail
@@ -109,7 +107,12 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         Raises:
             InputError: the disk is full, and the run is to end then.
         """
-        news = self._news()
+        env = self._env
+        news: dict[str, Any] = {}  # where they are other ones than were recorded last
+        if env.task.stick != self._stick:
+            news["stick"] = env.task.stick
+        if env.labels != self._labels:
+            self._labels = news["labels"] = dict(env.labels)
         observation, reward, terminated, truncated, info = self.env.step(action)
         v, w = self._env.task.limits.twist(action).tolist()
         self._out.write(topics.COMMAND, {"action": action, "v": v, "w": w, **news})
@@ -127,16 +130,6 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
             super().close()
         finally:
             self._out.close()
-
-    def _news(self) -> dict[str, Any]:
-        """The stick and the labels, where they are other ones than were recorded last."""
-        env: Any = self._env
-        found: dict[str, Any] = {}
-        if env.task.stick != self._stick:
-            found["stick"] = env.task.stick
-        if env.labels != self._labels:
-            self._labels = found["labels"] = dict(env.labels)
-        return found
 
     @property
     def _env(self) -> Any:

@@ -143,6 +143,7 @@ def read_recording(file: str | Path) -> list[RecordedEpisode]:
             episodes.pop()
         else:
             del last.states[steps + 1 :], last.actions[steps:], last.verdicts[steps:]
+            del last.wheels[steps + 1 :]
     for recorded in episodes:
         if not len(recorded.states) - 1 == len(recorded.actions) == len(recorded.verdicts):
             raise InputError(f"{file}: expected a reading after each command, and a verdict")

@@ -32,7 +32,7 @@ export class Inputs {
   key(event, down) {
     this.slow = event.shiftKey;
     const name = KEYS[event.code];
-    if (!name || event.ctrlKey || event.altKey || event.metaKey || (down && typing(event))) return;
+    if (!name || (down && (event.ctrlKey || event.altKey || event.metaKey || typing(event)))) return;
     if (down) event.preventDefault();
     if (down === this.held.has(name)) return;
     if (down) this.held.add(name); else this.held.delete(name);

@@ -24,6 +24,7 @@ export class StudyPage extends DrivePage {
   }
 
   get session() { return "study"; }
+  get backs() { return !this.protocol.blind && super.backs; } // a blind picture tells no command
 
   answers() {
     return {
@@ -75,8 +76,7 @@ export class StudyPage extends DrivePage {
 
   welcome(message) {
     this.protocol = message;
-    this.title = message.title;
-    if (!this.title) { this.show('<p data-t="study_none"></p>'); return; }
+    if (!this.protocol.title) { this.show('<p data-t="study_none"></p>'); return; }
     this.looks.language = message.language;
     setLanguage(message.language);
     by("language").closest("label").hidden = true;
@@ -92,7 +92,7 @@ export class StudyPage extends DrivePage {
   ask() {
     sessionStorage.clear();
     this.show(
-      `<h2 tabindex="-1">${escape(this.title)}</h2><form id="who"><label><span data-t="participant"></span>
+      `<h2 tabindex="-1">${escape(this.protocol.title)}</h2><form id="who"><label><span data-t="participant"></span>
         <input id="number" type="number" min="1" max="9999" step="1" required></label>${button("go", "study_go")}</form>`,
       on => { on.who.onsubmit = event => {
         event.preventDefault();

@@ -18,6 +18,7 @@ from agents.policies import make_policy
 from tests.laws.test_policies import plain
 from tests.people.test_compiled import reading, scan_of
 from wheelchair_gym.envs import NavigationEnv
+from wheelchair_gym.geometry.planar import to_world
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sim.settings import ChairSettings
 from wheelchair_gym.types import Stick
@@ -154,16 +155,13 @@ def wall(far, door=None, turn=0.0, behind=4.0):
     if door is not None:
         back = np.column_stack([np.full(9, behind), door + np.linspace(-0.5, 0.5, 9)])
         points = np.vstack([points, back])
-    c, s = math.cos(turn), math.sin(turn)
-    return points @ np.array([(c, s), (-s, c)])
+    return to_world(points, (0.0, 0.0, turn))
 
 
 @pytest.mark.parametrize("turn", [-0.5, 0.0, 0.4])
 def test_a_door_is_found_where_it_is_with_the_way_through(turn):
     found = find_doors(wall(2.0, 0.3, turn), HALF)
-    c, s = math.cos(turn), math.sin(turn)
-    middle = np.array([c * 2.0 - s * 0.3, s * 2.0 + c * 0.3])
-    off = np.hypot(*(found[:, :2] - middle).T)
+    off = np.hypot(*(found[:, :2] - to_world((2.0, 0.3), (0.0, 0.0, turn))).T)
     best = found[off.argmin()]
     assert off.min() < 0.06
     assert best[2] == pytest.approx(turn, abs=0.06)

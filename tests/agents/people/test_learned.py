@@ -14,10 +14,11 @@ from agents.learning import weights as learned
 from agents.learning.settings import RECIPES
 from agents.people import make_assistant
 from agents.policies import GymPolicy, make_policy
-from agents.policies.learned import file_digest, weights_digest
+from agents.policies.learned import weights_digest
 from tests.benchmarks.assisted_drives import Helpers
 from tests.conftest import output_of, put
 from tests.copies import differences
+from wheelchair_gym.base.files import file_digest
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
 from wheelchair_gym.people.drivers import DRIVERS

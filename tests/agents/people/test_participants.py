@@ -5,12 +5,14 @@ import errno
 import itertools
 import json
 from collections import Counter
+from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
 import pytest
 from scipy import stats
 
+from agents.cli import main
 from agents.evaluation.statistics import effect_size
 from agents.evaluation.tables import csv_table
 from agents.people.folder import read_chain
@@ -211,8 +213,8 @@ def test_a_rule_stops_the_session(tmp_path, rule, outcomes):
 def test_worlds_and_tasks_are_balanced_and_no_world_is_met_twice(conditions, tasks):
     plan = protocol(conditions, 1, seed=5, practice=(Task("hall"),))
     plan = dataclasses.replace(plan, tasks=tuple(Task(f"task {k}") for k in range(tasks)))
-    people = range(1, 13)
-    places, worlds = Counter(), Counter()
+    people = range(1, 145)  # whole blocks of 4, 16 and 18
+    places, worlds, pairs = Counter(), Counter(), Counter()
     for person in people:
         drives = [step for step in plan.steps(person) if step.kind == "drive"]
         met = [plan.world(person, step, attempt) for step in drives for attempt in (1, 2)]
@@ -221,9 +223,10 @@ def test_worlds_and_tasks_are_balanced_and_no_world_is_met_twice(conditions, tas
             mine = [s for s in drives if s.position == position and not s.practice]
             places.update((position, k, step.task) for k, step in enumerate(mine))
             worlds.update((position, s.task, plan.world(person, s, 1)) for s in mine)
+            pairs.update((s.condition, s.task, plan.world(person, s, 1)) for s in mine)
     assert len(places) == conditions * tasks * tasks
-    assert len(worlds) == conditions * tasks * conditions
-    assert len(set(places.values())) == len(set(worlds.values())) == 1
+    assert len(worlds) == len(pairs) == conditions * tasks * conditions
+    assert {len(set(of.values())) for of in (places, worlds, pairs)} == {1}
     other = dataclasses.replace(plan, seed=6)
     assert any(list(plan.steps(p)) != list(other.steps(p)) for p in people)
     asked = dataclasses.replace(plan, tasks=(Task("same", seed=4),))
@@ -285,7 +288,11 @@ def test_everything_of_a_participant_is_deleted_and_the_number_is_not_used_again
     assert "participant_0002 is a link; expected the data" in refusal([*words, "--yes"], capsys)
     session.folder.unlink()
     own.rename(session.folder)
-    assert "deleted 6 files" in output_of([*words, "--yes"], capsys)
+    unlink, left = Path.unlink, [None] * 6
+    crash = patch.object(Path, "unlink", lambda path, **more: unlink(left.pop() or path, **more))
+    with crash, pytest.raises(IndexError):
+        main([*map(str, words), "--yes"])
+    assert "deleted 1 file;" in output_of([*words, "--yes"], capsys)
     assert {path.name for path in tmp_path.iterdir()} == {
         "protocol.json", "dictionary.csv", "participant_0001", "deleted_0002.json",
     }  # fmt: skip
