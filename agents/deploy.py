@@ -28,14 +28,8 @@ from wheelchair_gym.base.settings import InputError, setting, settings
 from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.geometry.planar import wrap, wrap_angle
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid
+from wheelchair_gym.perception import monte_carlo
 from wheelchair_gym.perception.localized_chair import unwrapped
-from wheelchair_gym.perception.monte_carlo import (
-    LikelihoodField,
-    LocalizationSettings,
-    hill_climb,
-    log_likelihood,
-    make_likelihood_field,
-)
 from wheelchair_gym.perception.occupancy import Scan, read_scan
 from wheelchair_gym.safety.stops import StopMonitor, active_stops, advice_for, shield_message
 from wheelchair_gym.sensors.settings import LaserSettings
@@ -319,19 +313,18 @@ def start_fit(
     grid: OccupancyGrid, start: Array, laser: LaserSettings, ranges: NDArray[np.float32]
 ) -> StartFit:
     """Compare a scan (beams,) [m] with a map at a start (3,) [m, m, rad], and at other places."""
-    model = LocalizationSettings()
+    model = monte_carlo.LocalizationSettings()
     scan = read_scan(laser, ranges)
     share = len(scan.echoes) / laser.beams
     if share < ECHOES:
-        minimum = f"{ECHOES:.0%} or more"
-        wrong = f"{share:.0%} of the laser's beams have an echo; expected {minimum}"
+        wrong = f"{share:.0%} of the laser's beams have an echo; expected {ECHOES:.0%} or more"
         return StartFit(0.0, start, 0.0, start, wrong)
-    field = make_likelihood_field(grid, model.sigma)
+    field = monte_carlo.make_likelihood_field(grid, model.sigma)
     ends = _some(scan, _BEAMS)
 
     def climbed(pose: Array) -> tuple[float, Array]:
         end = np.array(pose, np.float64)
-        return math.exp(hill_climb(field, ends, math.radians(3.0), end)), end
+        return math.exp(monte_carlo.hill_climb(field, ends, math.radians(3.0), end)), end
 
     def near_start(pose: Array) -> bool:
         distance = math.hypot(pose[0] - start[0], pose[1] - start[1])
@@ -340,7 +333,7 @@ def start_fit(
     fit, pose = climbed(start)
     if not near_start(pose):
         x, y, yaw = start.tolist()
-        fit = math.exp(log_likelihood(field, x, y, yaw, ends))
+        fit = math.exp(monte_carlo.log_likelihood(field, x, y, yaw, ends))
         pose = start
     climbs = map(climbed, _preselected(grid, field, start, _some(scan, _FEW)))
     others = [(other, end) for other, end in climbs if not near_start(end)]
@@ -363,15 +356,19 @@ def _some(scan: Scan, maximum: int) -> Array:
 
 
 @kernel
-def _fits(field: LikelihoodField, places: Array, headings: Array, ends: Array, fits: Array) -> None:
+def _fits(
+    field: monte_carlo.LikelihoodField, places: Array, headings: Array, ends: Array, fits: Array
+) -> None:
     """Write the log-likelihood of a scan at places (n, 2) with headings (m,) into (n, m)."""
     for i in range(places.shape[0]):
         for j in range(headings.shape[0]):
-            fits[i, j] = log_likelihood(field, places[i, 0], places[i, 1], headings[j], ends)
+            fits[i, j] = monte_carlo.log_likelihood(
+                field, places[i, 0], places[i, 1], headings[j], ends
+            )
 
 
 def _preselected(
-    grid: OccupancyGrid, field: LikelihoodField, start: Array, few: Array
+    grid: OccupancyGrid, field: monte_carlo.LikelihoodField, start: Array, few: Array
 ) -> list[Array]:
     """Return the best fitting poses (3,) around a start, and the best of the rest of the map.
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from agents.evaluation.evaluate import evaluate
 from agents.learning.export import export_onnx
 from agents.learning.weights import find_weights, load_weights
-from agents.policies.learned import file_digest
+from wheelchair_gym.base.files import file_digest
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("--out", default="runs/onnx", help="folder of the file and the results")

@@ -61,7 +61,8 @@ class Problem:
         frame, ends = self.space.frame, [self.start, self.goal]
         for k, end in enumerate(ends):
             if np.shape(end) in ((2,), (3,)) and np.isfinite(end).all():
-                ends[k] = np.append(to_frame(end[:2], frame), end[2:] - frame[2])
+                yaw = end[2:] if k or len(end) == 3 else np.zeros(1)  # a start's heading is 0
+                ends[k] = np.append(to_frame(end[:2], frame), yaw - frame[2])
         return replace(self, space=self.space.in_frame, start=ends[0], goal=ends[1])
 
 

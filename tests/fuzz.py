@@ -339,8 +339,7 @@ def _use_thesis(path: Path) -> None:
     file = read_thesis(path)
     make_planner(file.planner())
     problem_of(file)
-    made = spec(f"{path}:rrt_star")
-    make_planner(made)
+    make_planner(spec(f"{path}:rrt_star"))
 
 
 def _env(folder: Path) -> Path:
@@ -709,8 +708,7 @@ READERS: dict[str, Reader] = {
     ),
     "bag in SQLite": Reader(_sqlite_bag, _use_bag, ("recording.read_bags._rows",), flipped),
     "weights": Reader(
-        _weights, _use_weights, ("learning.weights.load_weights", "policies.learned._digest"),
-        _mutated_weights,
+        _weights, _use_weights, ("learning.weights.load_weights",), _mutated_weights,
     ),
     "onnx": Reader(_onnx, _use_onnx, ("learning.export.__init__",), flipped),
     "onnx card": Reader(

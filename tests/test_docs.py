@@ -157,7 +157,7 @@ def test_a_pages_command_is_understood_and_quick_ones_run(line, folder, page_fil
     words = shlex.split(line)[1:]
     if words == ["--version"]:
         return
-    given = parser().parse_all(cli._joined(words))
+    given = parser().parse_all(words)
     files = [word for word in words if word.endswith((".json", ".mcap"))]
     exist = all((folder / word).exists() for word in files)
     if given.command in QUICK and exist and not any(word in line for word in SLOW):

@@ -154,14 +154,11 @@ def test_nothing_speaks_of_where_it_was_made():
         ["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False
     ).stdout.split()
     assert not listed or "README.md" in listed
-    for name in listed:
-        path = ROOT / name
-        if (
-            path.suffix in {".py", ".md", ".toml", ".json", ".yaml", ".c", ".h", ""}
-            and path.is_file()
-        ):
+    kinds = {".py", ".md", ".toml", ".json", ".yaml", ".c", ".h", ""}
+    for path in map(ROOT.joinpath, listed):
+        if path.suffix in kinds and path.is_file():
             found = re.search(r"(?<![\w.])/(?:work|home|root|Users)/\w+", path.read_text())
-            assert found is None, f"{name}: {found.group()}"
+            assert found is None, f"{path}: {found.group()}"
 
 
 def test_shipped_configs_are_the_defaults():

@@ -55,6 +55,24 @@ def not_a_number(terms, sensed, action):
 def python_only(terms, sensed, action):
     import os
     return float(len(os.sep))
+
+class Bare(Policy):
+    def act(self, reading):
+        return np.zeros(2)
+
+class List(Planner):
+    def plan(self, problem, rng, deadline=None):
+        return [problem.start, problem.goal]
+
+class Lost(Policy):
+    def act(self, reading):
+        if reading.stamp > 0.15:
+            raise KeyError("goal")
+        return Policy.act(self, reading)
+
+class Never(Policy):
+    def reset(self, mission):
+        raise KeyError("map")
 """
 
 
@@ -119,40 +137,14 @@ def test_workers_drive_other_peoples_policies_and_their_code_is_part_of_the_key(
     assert episode_key(f"{theirs}:Policy", "empty", 0, {}) != key
 
 
-def test_what_is_no_command_or_plan_is_said(theirs, tmp_path):
-    (tmp_path / f"{theirs}.py").write_text(
-        SOURCE
-        + """
-class Bare(Policy):
-    def act(self, reading):
-        return np.zeros(2)
-
-class List(Planner):
-    def plan(self, problem, rng, deadline=None):
-        return [problem.start, problem.goal]
-"""
-    )
+def test_what_is_no_command_or_plan_is_said(theirs):
     env = NavigationEnv("empty")
     for policy, words in ((f"{theirs}:Bare", "a Command"), (f"{theirs}:List+window", "a Plan")):
         with pytest.raises(InputError, match=f"expected {words}"):
             drive_episode(env, make_policy(policy), 0)
 
 
-def test_an_error_in_a_policy_ends_with_the_policy_and_the_step(theirs, tmp_path):
-    (tmp_path / f"{theirs}.py").write_text(
-        SOURCE
-        + """
-class Lost(Policy):
-    def act(self, reading):
-        if reading.stamp > 0.15:
-            raise KeyError("goal")
-        return Policy.act(self, reading)
-
-class Never(Policy):
-    def reset(self, mission):
-        raise KeyError("map")
-"""
-    )
+def test_an_error_in_a_policy_ends_with_the_policy_and_the_step(theirs):
     for policy, note in (
         ("Lost", "policy Lost: its act failed in step 2, 0.2 s after the start"),
         ("Never", "policy Never: its reset failed"),

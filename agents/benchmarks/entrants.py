@@ -121,9 +121,8 @@ def scene_cases(only: Sequence[str] = ()) -> list[Case]:
     Raises:
         InputError: a name is no scene's, or a scene needs a file.
     """
-    wanted = _wanted(list(SCENES), only, "scenes")
     cases = []
-    for name in wanted:
+    for name in _wanted(list(SCENES), only, "scenes"):
         try:
             cases.append(scene_case(name))
         except InputError:  # of a scene of recorded worlds, which are not part of the project

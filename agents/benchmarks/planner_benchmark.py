@@ -313,6 +313,11 @@ class PlannerBenchmark:
                 contest.stored_cases(problems, only) if problems else contest.scene_cases(only)
             )
         self.entrants = contest.make_entrants(ours, peers)
+        for what, all_of in (("planners", self.entrants), ("problems", self.cases)):
+            names = [one.name for one in all_of]
+            if len({*names}) < len(names):
+                raise InputError(f"{max(names, key=names.count)!r}: several {what} have this name")
+        drawn = f"scenes, seed {contest.SEED}, margin {contest.MARGIN} m"
         source, cpu = source_digest(), machine()["cpu"]
         self.jobs: dict[str, Job] = {}
         for case, seed, entrant in product(self.cases, seeds, self.entrants):
@@ -322,7 +327,7 @@ class PlannerBenchmark:
                 key = run_key(source, cpu, *of, case.digest, seed, budget)
                 self.jobs[key] = entrant, case, seed, budget
         self._settings = {
-            "problems": str(problems or f"scenes, seed {contest.SEED}, margin {contest.MARGIN} m"),
+            "problems": "maps" if scenes else str(problems or drawn),
             "seeds": list(seeds),
             "deadlines_s": self.deadlines,
             "core": core,

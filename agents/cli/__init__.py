@@ -19,6 +19,7 @@ import threading
 import tomllib
 import warnings
 from collections.abc import Mapping, Sequence
+from importlib.metadata import version
 from importlib.resources import files
 from types import MappingProxyType
 from typing import Any, NamedTuple, NoReturn
@@ -107,6 +108,10 @@ LONGEST_ERROR = 1000  # characters
 class Parser(argparse.ArgumentParser):
     """An argument parser whose errors are one line, with the nearest known name."""
 
+    def __init__(self, *words: Any, **more: Any) -> None:
+        super().__init__(*words, **more)
+        self._negative_number_matcher = re.compile(r"-[\d.in]")  # such as in --start -1,2
+
     def error(self, message: str) -> NoReturn:
         """Print the error in one line and exit with code 2."""
         from wheelchair_gym.base.settings import suggest  # imported late, so that --help is fast
@@ -133,26 +138,15 @@ class Parser(argparse.ArgumentParser):
             (file or sys.stderr).write(message)
 
 
-class Print(argparse.Action):
-    """Prints what the function `const` gives for the parser and the option's value, and exits."""
+class PrintCompletion(argparse.Action):
+    """Prints a completion script of a shell, and exits."""
 
-    def __call__(self, parser: argparse.ArgumentParser, _: Any, value: Any, *__: Any) -> NoReturn:
+    def __call__(self, parser: argparse.ArgumentParser, _: Any, shell: Any, *__: Any) -> NoReturn:
         """Print and exit."""
-        assert callable(self.const)
-        print(self.const(parser, value))
+        import shtab
+
+        print(shtab.complete(parser, shell))
         parser.exit()
-
-
-def _version(*_: Any) -> str:
-    from importlib.metadata import version
-
-    return f"wheelchair {version('wheelchair_gym')}"
-
-
-def _completion(parser: argparse.ArgumentParser, shell: str) -> str:
-    import shtab
-
-    return str(shtab.complete(parser, shell))
 
 
 def parser() -> Parser:
@@ -162,9 +156,10 @@ def parser() -> Parser:
         description="Simulate, plan for and compare policies of a robotic wheelchair.",
         epilog="example: wheelchair simulate --policy a_star+window --seed 3 --video drive.mp4",
     )
-    main.add_argument("--version", action=Print, nargs=0, const=_version, help="print the version")
+    name = f"wheelchair {version('wheelchair_gym')}"
+    main.add_argument("--version", action="version", version=name, help="print the version")
     main.add_argument(
-        "--completion", action=Print, const=_completion, choices=("bash", "zsh"),
+        "--completion", action=PrintCompletion, choices=("bash", "zsh"),
         help="print a completion script of a shell",
     )  # fmt: skip
     parsers = main.add_subparsers(dest="command", required=True, metavar="COMMAND")
@@ -198,17 +193,6 @@ def run(given: argparse.Namespace) -> int:
     return code
 
 
-def _joined(arguments: Sequence[str]) -> list[str]:
-    """`--start -1,2` as `--start=-1,2`: argparse would take -1,2 for an option."""
-    joined: list[str] = []
-    for argument in arguments:
-        if joined and joined[-1] in ("--start", "--goal") and re.match(r"-[\d.in]", argument):
-            joined[-1] += f"={argument}"
-        else:
-            joined.append(argument)
-    return joined
-
-
 def _restart(environ: Mapping[str, str]) -> None:
     """Run this program again with environment variables that libraries read when they load."""
     missing = {name: value for name, value in environ.items() if name not in os.environ}
@@ -237,7 +221,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             typed = sys.argv[1:] if arguments is None else arguments
             if not typed or (len(typed) == 1 and typed[0] in GROUPS):  # a name that is not whole
                 typed = [*typed, "--help"]
-            given = parser().parse_all(_joined(typed))
+            given = parser().parse_all(typed)
             if arguments is None:
                 _restart(given.row.environ)
             return run(given)

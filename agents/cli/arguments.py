@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +53,17 @@ def labelled(name: str) -> str | dict[str, Any]:
     return found if isinstance(found, str) else {**found, "label": Path(name).name}
 
 
+def refuse(given: argparse.Namespace, names: Iterable[str], why: str) -> None:
+    """Refuse options that would be ignored.
+
+    Raises:
+        InputError: one of them was given.
+    """
+    for name in names:
+        if getattr(given, name) != given.parser.get_default(name):
+            raise InputError(f"--{name.replace('_', '-')}: {why}")
+
+
 def map_scenes(given: argparse.Namespace) -> list[dict[str, Any]]:
     """Scenes for the maps of --map, by the options that say more about them; none without --map.
 
@@ -60,9 +71,7 @@ def map_scenes(given: argparse.Namespace) -> list[dict[str, Any]]:
         InputError: an option needs --map, or a pose has no heading where it needs one.
     """
     if not given.map:
-        for name in ("resolution", "unknown", "start", "goal"):
-            if getattr(given, name) is not None:
-                raise InputError(f"--{name} needs --map")
+        refuse(given, ("resolution", "unknown", "start", "goal"), "expected with --map")
         return []
     given_ends = {key: getattr(given, key) for key in ("start", "goal")}
     ends = {key: [*pose, 0.0][:3] for key, pose in given_ends.items() if pose is not None}

@@ -86,6 +86,7 @@ def planners(given: argparse.Namespace) -> int:
     from planners import PLANNERS
 
     arguments.check_picture(given.plot)
+    arguments.refuse(given, ("problems", "only") if given.map else (), "expected without --map")
     asked = given.planners
     ours: list[Any] = list(PLANNERS)
     named: list[str] | None = None

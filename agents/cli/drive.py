@@ -113,6 +113,9 @@ def _real(
         raise InputError("--chair: expected --goal X,Y on its own map, or --scene with one")
     if given.start is not None and len(given.start) != 3:
         raise InputError("--start of a real chair: expected X,Y,YAW (m, m, rad)")
+    arguments.refuse(given, () if given.goal else ("start",), "expected with --goal")
+    ignored = "map", "resolution", "unknown"
+    arguments.refuse(given, ignored, "a real chair drives on its own map; deploy takes a file")
     named = arguments.chair_spec(given.chair)
     check_extras(named)
     if given.policy != "manual":  # which needs the window
@@ -352,9 +355,8 @@ def _episode(given: argparse.Namespace, footprint: Any) -> Episode:
 def replay(given: argparse.Namespace) -> int:
     """Judge and draw recorded episodes again, or compare another policy with them; report."""
     if given.simulate:
-        for name in ("video", "picture", "record", "live", "images"):
-            if getattr(given, name):
-                raise InputError(f"--{name}: expected without --simulate, which draws nothing")
+        names = "video", "picture", "record", "live", "images"
+        arguments.refuse(given, names, "expected without --simulate, which draws nothing")
         return replay_simulated(given)
     if given.config is not None or given.bar is not None:
         raise InputError("--config and --bar need --simulate")

@@ -163,6 +163,8 @@ def calibrate(given: argparse.Namespace) -> int:
         content = read_json(given.config)
         parts = {name: dump(getattr(tuned, name)) for name in ("drive", "motor", "body")}
         content.setdefault("chair", {}).update(parts)
+        if content.pop("model", None) is not None:  # its sensors stand in the config from now on
+            content["sensors"] = dump(settings.sensors)
         names = "laser", "more_lasers", "odometry"
         seen = dump(found.sensors)
         content.setdefault("sensors", {}).update({name: seen[name] for name in names})

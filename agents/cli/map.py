@@ -7,7 +7,8 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
-from agents.cli.arguments import chair_spec, check_picture, real_chair_env, report, spec, watch
+from agents.cli import arguments
+from agents.cli.arguments import check_picture, real_chair_env, refuse, report, spec, watch
 from agents.evaluation.evaluate import label, make_env
 from agents.evaluation.map_evaluation import HOLD, by_odometry, by_slam, map_by_driving, progress
 from agents.evaluation.provenance import command_line, provenance
@@ -37,20 +38,25 @@ def run(given: argparse.Namespace) -> int:
     return 0
 
 
+def _slam(given: argparse.Namespace) -> SlamSettings:
+    """Return the settings of SLAM, with as many particles as asked for."""
+    slam = env_settings(given.config, model=given.model).slam
+    return slam if given.particles is None else dataclasses.replace(slam, particles=given.particles)
+
+
 def _explored(given: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
     """Drive through a scene; figures, and lines of text."""
     if given.odometry_only:
         raise InputError("--odometry-only: expected --log or --recording with it")
     if not given.time > 0.0:
         raise InputError(f"--time {given.time}: expected more than 0 s")
-    chosen, scene = spec(given.policy), chair_spec(given.scene or given.chair)
+    chosen, scene = spec(given.policy), arguments.chair_spec(given.scene or given.chair)
     if chosen == "explore":
         chosen = {"name": "explore", "seek": False}  # all of it, not only up to the goal
     policy = make_policy(chosen)
+    refuse(given, ("scan_topic", "odometry_topic"), "expected with --recording")
     config = env_settings(given.config, model=given.model, pose_source="slam")
-    if given.particles is not None:
-        slam = dataclasses.replace(config.slam, particles=given.particles)
-        config = dataclasses.replace(config, slam=slam)
+    config = dataclasses.replace(config, slam=_slam(given))
     mode = "human" if given.window else "rgb_array"
     if given.chair:
         env, _ = real_chair_env(scene, {"config": config}, render_mode=mode)
@@ -90,13 +96,16 @@ def _from_scans(given: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
     """Maps from a log or a recording; figures, and lines of text."""
     if given.odometry_only and watch(given):
         raise InputError("--odometry-only: viewers and recordings show SLAM")
+    refuse(given, ("policy", "time", "window"), "expected with --scene or --chair")
+    topics = ("scan_topic", "odometry_topic") if given.log else ()
+    refuse(given, topics, "expected with --recording")
     file = given.log or given.recording
     log, laser = (
         (read_log(file), LASER)
         if given.log
         else sensor_log(file, given.scan_topic, given.odometry_topic)
     )
-    config = SlamSettings() if given.particles is None else SlamSettings(particles=given.particles)
+    config = _slam(given)
     with progress(len(log.stamps), not given.quiet) as bar:
         maps = [by_odometry(log, laser, config)]
         if not given.odometry_only:

@@ -21,13 +21,12 @@ def studio(given: argparse.Namespace) -> int:
         raise InputError(f"wheelchair studio needs {needs}: pip install 'wheelchair_gym[studio]'")
     from agents.studio.warm_up import WarmUp
 
-    maps = map_scenes(given)
-    if maps:
+    own_map = next(iter(map_scenes(given)), None)
+    if own_map is not None:
         from wheelchair_gym.maps import read_any_map
 
-        solid = maps[0].get("unknown_is_solid", True)
-        read_any_map(maps[0]["path"], solid, maps[0].get("resolution"))  # refuses what is wrong
-    own_map = maps[0] if maps else None
+        solid = own_map.get("unknown_is_solid", True)
+        read_any_map(own_map["path"], solid, own_map.get("resolution"))  # refuses what is wrong
     env_settings(None, model=given.model)  # refuses what is wrong
     folder, study = Path(given.out), None
     if given.study is not None:
@@ -44,8 +43,7 @@ def studio(given: argparse.Namespace) -> int:
 
         access = Access(lan=given.lan)
         runs = Path(given.runs)
-        locked = given.participant
-        made = Studio(folder, own_map, access, study, runs, warm_up, given.model, locked)
+        made = Studio(folder, own_map, access, study, runs, warm_up, given.model, given.participant)
         serve(made, given.port)
     finally:
         warm_up.close()

@@ -86,7 +86,9 @@ def training_content(given: argparse.Namespace) -> tuple[dict[str, Any], str]:
         content = {} if imitates else dump(recipe(given.algorithm))
     if not isinstance(content, dict):
         raise InputError(f"{given.config}: expected an object with keys")
-    if given.frames is not None and not imitates:
+    if given.frames is not None and imitates:
+        raise InputError("--frames: bc has none; expected --set episodes=N or --set rounds=N")
+    if given.frames is not None:
         content["frames"] = given.frames
     return content, "settings" if given.config is None else Path(given.config).name
 
@@ -232,7 +234,7 @@ def _in_processes(given: argparse.Namespace, cases: list[Case]) -> int:
     finally:
         for process in running.values():
             process.terminate()
-    return max(codes.values(), default=0)
+    return max((code if code >= 0 else 128 - code for code in codes.values()), default=0)
 
 
 def export(given: argparse.Namespace) -> int:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.cli.arguments import chair_spec, env_of, report, scene_of, watch
+from agents.cli.arguments import chair_spec, env_of, refuse, report, scene_of, watch
 from agents.deploy import to_stderr as _log
 from agents.evaluation.evaluate import without_labels
 from wheelchair_gym.base.settings import InputError
@@ -152,9 +152,7 @@ def _link(given: argparse.Namespace, driver: Any) -> Any:
     link: Any
     command = driver.names.of(COMMAND)
     if given.dds:
-        for name in ("rosbridge", "token_file", "tls"):
-            if getattr(given, name) is not None:
-                raise InputError(f"--dds and --{name.replace('_', '-')}: expected one of them")
+        refuse(given, ("rosbridge", "token_file", "tls", "stamped"), "expected without --dds")
         domain = domain_number(os.environ.get("ROS_DOMAIN_ID", ""))
         link = DdsLink(given.host, domain, driver.command, driver.left, driver.config.namespace)
         for kind in COMMAND_TYPES:
@@ -162,12 +160,14 @@ def _link(given: argparse.Namespace, driver: Any) -> Any:
         if rosbridge.is_local(given.host):
             _log("ROS 2 on this machine finds it with ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST")
     elif given.rosbridge is not None:
+        refuse(given, ("token_file", "tls"), "expected in FILE.json:NAME of --rosbridge")
         other = chair_settings(chair_spec(given.rosbridge))
         if not isinstance(other, RosSettings):
             raise InputError(f"--rosbridge {given.rosbridge}: expected ros://HOST:PORT")
         link = rosbridge.Rosbridge(other.host, other.port, driver.command, other.link)
         link.subscribe(command, COMMAND_TYPES[given.stamped])
     else:
+        refuse(given, ("stamped",), "expected with --rosbridge")
         token = "" if given.token_file is None else rosbridge.read_token(given.token_file)
         link = driver.server(given.host, given.port, token, given.tls)
     for name in SERVICES if given.episodes is None else ():

@@ -61,13 +61,11 @@ def webp(path: Path) -> bytes:
     return out.getvalue()
 
 
-def _columns() -> tuple[Column, ...]:
-    rows = read_data("columns.yaml")
-    of, values = ("name", "meaning"), vars(metrics) | vars(assisted)
-    return tuple(Column(**row | {key: row[key].format(**values) for key in of}) for row in rows)
-
-
-_ALL = _columns()
+_VALUES = vars(metrics) | vars(assisted)  # that names and meanings of columns quote
+_ALL = tuple(
+    Column(**row | {key: row[key].format(**_VALUES) for key in ("name", "meaning")})
+    for row in read_data("columns.yaml")
+)
 COLUMN_OF = {column.key: column for column in _ALL}
 _SOCIAL = tuple(column for column in _ALL if column.key in (*SOCIAL_MEANS, *EFFICIENCIES))
 _ASSISTED = tuple(column for column in _ALL if column.key in assisted.MEASURES)

@@ -287,7 +287,8 @@ def evaluate(
         make_policy(without_labels(policy))
     for scene in scenes:
         make_scene(without_labels(scene))
-    wanted = {episode_key(*job, env): job for job in product(policies, scenes, seeds)}
+    every = [(episode_key(*job, env), job) for job in product(policies, scenes, seeds)]
+    wanted = dict(every)
     if watch.live is not None and len(wanted) != 1:
         raise InputError(f"--live shows a single episode; there are {len(wanted)}")
 
@@ -305,4 +306,4 @@ def evaluate(
         workers=jobs, unit="episode", progress=progress, again=again,
         before=before,
     )  # fmt: skip
-    return list(records.values())
+    return [records[key] | {"policy": label(p), "scene": label(s)} for key, (p, s, _) in every]

@@ -26,9 +26,10 @@ from typing import Any, TypeVar
 from tqdm import tqdm
 
 from agents import StoppedError, is_interrupt
-from wheelchair_gym.base.files import LIMITS, opened, parse_json, write_error
+from wheelchair_gym.base.files import LIMITS, file_digest, opened, parse_json, write_error
 from wheelchair_gym.base.registry import places_in, source_of
 from wheelchair_gym.base.settings import InputError, dump
+from wheelchair_gym.maps import map_files
 
 Record = dict[str, Any]
 Job = TypeVar("Job")
@@ -66,12 +67,14 @@ def source_digest(*packages: str) -> str:
 
 
 def run_key(*parts: Any) -> str:
-    """A key that is equal for runs of equal parts, and of other people's code that they name."""
+    """A key that is equal for runs of equal parts, with the code and the maps that they name."""
     # A label such as planners.json:NAME looks like a place, and is none.
     files = {source_of(place) for place in places_in(parts)} - {None}
     code = [source_digest(file) for file in sorted(map(str, files))]
-    plain = json.dumps([dump(part) for part in parts] + code, sort_keys=True)
-    return hashlib.sha256(plain.encode()).hexdigest()[:16]
+    plain = [dump(part) for part in parts]
+    worlds = [file_digest(file, "image") for file in map_files(plain) if file.is_file()]
+    text = json.dumps(plain + code + worlds, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def read_store(path: Path) -> dict[str, Record]:

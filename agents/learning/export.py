@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,18 +24,13 @@ NAMES = {"action": "last_action"}  # names of inputs that differ from keys
 OPSET = 17  # of 2022, so that every current runtime reads it
 
 
-def pools_of(env: EnvSettings) -> list[tuple[int, int]]:
-    """Beams of each laser, and how many numbers of an observation they give."""
-    lasers, observed = env.sensors.lasers, env.task.observed_beams(env.sensors)
-    return [(laser.beams, pooled) for laser, pooled in zip(lasers, observed, strict=True)]
-
-
-def groups_of(pools: Sequence[tuple[int, int]]) -> NDArray[np.int64]:
+def groups_of(env: EnvSettings) -> NDArray[np.int64]:
     """Indices (pooled, most) of the beams that each pooled beam of all lasers is the minimum of."""
     ends, first = [np.zeros(1, np.int64)], 0
-    for beams, pooled in pools:
-        ends.append(first + np.arange(1, pooled + 1) * beams // pooled)
-        first += beams
+    lasers, observed = env.sensors.lasers, env.task.observed_beams(env.sensors)
+    for laser, pooled in zip(lasers, observed, strict=True):
+        ends.append(first + np.arange(1, pooled + 1) * laser.beams // pooled)
+        first += laser.beams
     edges = np.concatenate(ends)
     maximum = int(np.diff(edges).max())
     groups: NDArray[np.int64] = np.minimum(
@@ -79,7 +73,7 @@ def export_onnx(weights: Weights, path: str | Path) -> dict[str, Any]:
         "zero": 0.0, "one": 1.0, "minus_one": -1.0,
         "laser_reach": np.concatenate([np.full(laser.beams, laser.reach) for laser in lasers]),
         "ultrasonic_reach": [model.reach for model in env.sensors.ultrasonic.models],
-        "groups": groups_of(pools_of(env)),
+        "groups": groups_of(env),
         "range_shift": learned.RANGE_SHIFT, "range_scale": learned.RANGE_SCALE,
         "goal_range_index": np.array([0]), "bearing_indices": np.arange(1, sizes.get("goal", 1)),
         "goal_range": learned.GOAL_RANGE, "goal_proximity_weight": learned.GOAL_PROXIMITY_WEIGHT,
@@ -120,9 +114,8 @@ class OnnxNetwork:
         path = Path(path)
         content = read_bytes(path, "weights")
         self.card = read_json(f"{path}.json")
-        if not isinstance(self.card, dict) or hashlib.sha256(content).hexdigest() != self.card.get(
-            "sha256"
-        ):
+        digest = hashlib.sha256(content).hexdigest()
+        if not isinstance(self.card, dict) or digest != self.card.get("sha256"):
             raise InputError(f"{path}: differs from what {path.name}.json says; export it again")
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = 1
@@ -136,7 +129,7 @@ class OnnxNetwork:
                 raise ValueError(f"inputs are {shorten(inputs)}")
             self._layout = learned.Layout.of_card(self.card)
             self._inputs = inputs
-            groups = groups_of(pools_of(load(EnvSettings, self.card["env"], "weights: env")))
+            groups = groups_of(load(EnvSettings, self.card["env"], "weights: env"))
             widths = groups[:, -1] - groups[:, 0] + 1
             self._pooled = np.repeat(np.arange(len(groups)), widths)  # by beam
             action = self(np.ones((1, self._layout.size), np.float32))  # some graphs fail only here

@@ -14,6 +14,7 @@ import math
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -79,11 +80,9 @@ def _drawn_beside(worlds: WorldBank, settings: EnvSettings, workers: int) -> Ite
     missing = worlds.missing() if workers > 1 and settings.bank.cache is not None else []
     batches = [missing[k : k + BATCH] for k in range(0, len(missing), BATCH)]
     if len(batches) > 1:
-        try:
+        with suppress(LostError):  # then this process makes the rest
             for k, _ in in_workers(partial(_keep_worlds, settings), batches, workers, True):
                 yield len(batches[k])
-        except LostError:
-            pass  # this process makes the rest
 
 
 class Run:
@@ -142,7 +141,7 @@ class Run:
         tutor = None if teacher is None else networks.Teacher(teacher, *needs)
         self.model = networks.make_model(config, seed, self.env, self.layout, tutor)
         self.sums: Counter[str] = Counter()  # over the episodes since the last checkpoint
-        self.worlds.max_time = config.curriculum.initial_time
+        self.worlds.max_time = config.curriculum.initial_time or self._env_settings.starts_within
         self._curriculum_mark = [0, 0]  # episodes and successes at the last advance
         self.best_success, self.rows = -1.0, stored.read_curve(folder)
         if content is not None:

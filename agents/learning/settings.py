@@ -169,6 +169,8 @@ class Training:
         guidance = spec.get("call") if isinstance(spec, Mapping) else spec
         if self.curriculum.initial_time > 0.0 and guidance != "poses":
             raise InputError("curriculum.initial_time needs env.guidance 'poses', or 0")
+        if self.curriculum.initial_time > 0.0 and env.starts_within > 0.0:
+            raise InputError("env.starts_within: expected 0 beside curriculum.initial_time")
 
     def env_settings(self) -> EnvSettings:
         """The settings of the environments."""

@@ -68,11 +68,6 @@ class Layout:
         return sum(size for _, size in self.sizes)
 
     @property
-    def ranges_size(self) -> int:
-        """Numbers that are ranges of lasers and ultrasonics; they are first."""
-        return sum(size for key, size in self.sizes if key in ("laser", "ultrasonic"))
-
-    @property
     def privileged_size(self) -> int:
         """Numbers that only a critic gets; they are last."""
         return sum(size for key, size in self.sizes if key in PRIVILEGED)
@@ -120,7 +115,8 @@ def features(xp: Any, flat: Any, layout: Layout, scaled: Any, scales: Any) -> An
 
     `scaled` and `scales` are `layout.scaled_indices` and `layout.scales`, as arrays of `xp`.
     """
-    ranges = flat[:, : layout.ranges_size]
+    # Ranges of lasers and ultrasonics are first.
+    ranges = flat[:, : sum(n for key, n in layout.sizes if key in ("laser", "ultrasonic"))]
     parts = [RANGE_SCALE * xp.log(ranges + RANGE_SHIFT), flat[:, scaled] * scales]
     goal = layout.slice_of("goal")
     if goal.stop:

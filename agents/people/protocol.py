@@ -204,8 +204,6 @@ class Protocol:
             used |= set(names) if key == "tasks" else set()
         if not self.devices or len(set(self.devices)) < len(self.devices):
             raise InputError(f"Protocol.devices: expected some of {', '.join(DEVICES)}, each once")
-        if "switch" in self.devices and any(one.hand != Hand() for one in self.conditions):
-            raise InputError("Protocol.devices: expected no switch, to which no `hand` applies")
         if 0.0 < self.scan_period < MIN_SCAN:
             raise InputError(f"Protocol.scan_period is {self.scan_period:g}; expected 0 or >= 0.3")
         if not self.conditions or not self.tasks:

@@ -10,10 +10,8 @@ freedom: it cannot move a chair whose stick is centred.
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import math
 from collections.abc import Callable, Mapping
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +22,7 @@ from agents.learning.weights import SHIPPED_ASSISTANTS, Layout, Network, find_we
 from agents.people.assistant import AssistMission, Freedom
 from agents.policies import file_of
 from wheelchair_gym.base.arrays import Array, Floats
-from wheelchair_gym.base.files import modified, read_bytes
+from wheelchair_gym.base.files import file_digest
 from wheelchair_gym.base.settings import InputError, dump, load, setting, settings
 from wheelchair_gym.envs.guidance import make_guidance
 from wheelchair_gym.envs.settings import EnvSettings
@@ -85,20 +83,6 @@ class Learned:
                 f"{path.stem if path.parent == SHIPPED_ASSISTANTS else path}"
             )
         return made
-
-
-@cache
-def _digest(path: Path, stamp: int) -> str:
-    return hashlib.sha256(read_bytes(path, "weights")).hexdigest()
-
-
-def file_digest(path: Path) -> str:
-    """SHA-256 of a file.
-
-    Raises:
-        InputError: it cannot be read.
-    """
-    return _digest(path, modified(path))
 
 
 def weights_digest(spec: Any) -> str | None:

@@ -33,6 +33,7 @@ from agents.policies.planning import Planning, Thinking
 from agents.policies.scripted import episode_rng
 from agents.policies.search import CRAWL, Answer, Search, Surroundings
 from planners import make_planner
+from planners.collision.footprint import FootprintPlanner
 from planners.problem import Plan, Status
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.settings import setting, settings
@@ -150,7 +151,7 @@ class PlannedDriver:
 
     def __init__(self, config: Planned) -> None:
         self.config = config
-        self._planner = make_planner(dict(config.planner))
+        self._planner = self._made = make_planner(dict(config.planner))
         self._follower_settings = self._boldly = make_follower(config.follower)
         if (objective := getattr(self._follower_settings, "objective", None)) is not None:
             bold = replace(objective, clearance=0.0)
@@ -160,6 +161,7 @@ class PlannedDriver:
         """See `Policy.reset`."""
         config, pose = self.config, np.asarray(mission.reading.pose, dtype=np.float64)
         self._mission, self.state = mission, State.FOLLOWS
+        self._planner = self._fitted(mission)
         self._rng = episode_rng(mission, config.seed)
         self._surroundings = Surroundings(mission)
         self._local_map = self._surroundings.local_map
@@ -180,6 +182,15 @@ class PlannedDriver:
         )
         self.replan()
         self.planning.stand()
+
+    def _fitted(self, mission: Mission) -> Any:
+        """The planner, with the outline of the chair and whether it may reverse."""
+        made = self._made
+        if not isinstance(made, FootprintPlanner) or "footprint" in self.config.planner:
+            return made
+        backward = min(made.limits.backward, mission.limits.backward)
+        limits = replace(made.limits, backward=backward)
+        return replace(made, footprint=mission.footprint, limits=limits)
 
     def act(self, reading: Reading) -> Command:
         """See `Policy.act`."""
@@ -380,9 +391,8 @@ class PlannedDriver:
     # ---- planning: questions, and what becomes of the answers
 
     def _search(self, maps: list[OccupancyGrid]) -> Search:
-        config, mission, drawn = self.config, self._mission, None
-        if self._surroundings.draws:
-            drawn = mission.footprint
+        config, mission = self.config, self._mission
+        drawn = mission.footprint if self._surroundings.draws else None
         return Search(
             self._planner, config.clearance, config.min_clearance, self._rng, self._local_map.pose,
             maps, INSIDE * mission.tolerance, drawn, config.beyond, self._surroundings.reopened(),

@@ -90,7 +90,7 @@ class Sb3Model:
             )
         boxes = {"observations": space} if flat else dict(space.spaces)
         expected = {key: box.shape for key, box in boxes.items()}
-        if "laser" in expected:
+        if "laser" in expected and not env.sensors.more_lasers:
             task = dataclasses.replace(env.task, beams=expected["laser"][0])
             env = dataclasses.replace(env, task=task)
         guidance = make_guidance(env.guidance)

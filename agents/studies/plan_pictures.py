@@ -299,9 +299,6 @@ class PlanPictures:
     def draw(self, caption: str) -> Image:
         """Map, tree, path and roll-out with a legend (h, w, 3); whales in a picture above it."""
         raw, whales = self._shortening
-        best = None
-        if self.made is None:
-            best = make_planner("visibility").plan(self.drawn.problem, np.random.default_rng(0))
         more: dict[str, Any] = {"raw": raw.path if whales else None}
         if whales:
             swarm = whales[3 * len(whales) // 4]
@@ -312,7 +309,9 @@ class PlanPictures:
         if swarm:
             bare = replace(raw, path=raw.path[:0]) if whales else raw
             panels = [self._shown(bare, 0, swarm=swarm, **more).draw(720, legend=True)]
-        more["optimum"] = best.path if best is not None and len(best.path) else None
+        if self.made is None:
+            best = make_planner("visibility").plan(self.drawn.problem, np.random.default_rng(0))
+            more["optimum"] = best.path if len(best.path) else None
         last = self._shown(self.plan, **more).draw(720 if swarm else 960, caption, legend=True)
         return np.vstack([*panels, last])
 

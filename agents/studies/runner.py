@@ -79,7 +79,10 @@ def write_studies_page(
             for claim in chapter["claims"]
             if claim["verdict"] == verdict
         ]  # fmt: skip
-        fits = _fits(chapter["readings"]) if chapter["readings"] else None
+        fits = None
+        if readings := chapter["readings"]:  # by how well they predict the printed lengths
+            head = f"{readings[0]['rows']} printed mean lengths; intervals by bootstrap over them"
+            fits = tables.make_table(head, tables.columns_of("readings"), [readings])
         table = None if fits else _table(chapter)
         found.append({**chapter, "claims": claims, "table": table, "fits": fits, "drawn": drawn})
     return tables.write_page(
@@ -98,12 +101,6 @@ def _contents(chapters: Sequence[Chapter]) -> Table:
     ]  # fmt: skip
     columns = [*texts, *(Column("", str(verdict), "claims") for verdict in ClaimVerdict)]
     return Table("Verdicts by study", columns, [rows])
-
-
-def _fits(readings: Sequence[Mapping[str, Any]]) -> Table:
-    """The readings of an algorithm, by how well they predict the printed lengths."""
-    caption = f"{readings[0]['rows']} printed mean lengths; intervals by bootstrap over them"
-    return tables.make_table(caption, tables.columns_of("readings"), [readings])
 
 
 def _table(chapter: Chapter) -> Table:

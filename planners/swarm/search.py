@@ -71,8 +71,7 @@ def scatter_bowed(
 def sample_along(path: Array, count: int, among: int, rng: np.random.Generator) -> Array:
     """Draw way points (count, 2), in order, from `among` points evenly along a path: P1."""
     way = arc_lengths(path)
-    at = np.linspace(0.0, way[-1], among)
-    drawn = np.sort(rng.choice(at, count, replace=count > among))
+    drawn = np.sort(rng.choice(np.linspace(0.0, way[-1], among), count, replace=count > among))
     return np.stack([np.interp(drawn, way, path[:, 0]), np.interp(drawn, way, path[:, 1])], axis=1)
 
 

@@ -7,6 +7,7 @@ import re
 import signal
 import threading
 import time
+from contextlib import closing
 from unittest.mock import Mock
 
 import gymnasium as gym
@@ -79,11 +80,9 @@ class Drive:
         self.own = Deployment(**{"first": 0.2, "rise": 0.1, "patience": 2.0, **own})
 
     def run(self, dry=False):
-        record = deploy(
-            self.env, make_policy("straight"), EPISODE, self.own, self.log.append, dry, self.each
-        )
-        self.env.close()
-        return record
+        policy = make_policy("straight")
+        with closing(self.env):
+            return deploy(self.env, policy, EPISODE, self.own, self.log.append, dry, self.each)
 
     def end(self):
         """Close the chair; return True if it came to rest."""
@@ -249,11 +248,9 @@ def test_it_says_how_a_person_re_arms_it(terminal, monkeypatch, caplog):
 
 def test_an_exception_stops_it():
     drive = Drive()
-
     drive.each = at(1.5, Mock(side_effect=RuntimeError("a policy's mistake")))
     with pytest.raises(RuntimeError, match="mistake"):
         drive.run()
-    drive.env.close()
     assert drive.end()
 
 
@@ -266,7 +263,6 @@ def test_a_dry_run_sends_no_command():
     drive.each = at(2.0, Mock(side_effect=KeyboardInterrupt))
     with pytest.raises(KeyboardInterrupt):
         drive.run(dry=True)
-    drive.env.close()
     assert set(sent) == {"Get"}
     assert drive.hosted.clock.now() > begun + 1.5
     assert "v  0." in drive.log[-1]

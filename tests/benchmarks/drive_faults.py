@@ -22,6 +22,7 @@ from tests.hardware.pilot import Pilot
 from wheelchair_gym.geometry.kinematics import DriveGeometry
 from wheelchair_gym.hardware.boards.protocol import (
     Answer,
+    Command,
     CommandFlag,
     Fault,
     Mode,
@@ -68,8 +69,6 @@ class Ride:
 
     def each(self, seconds: float):
         """Advance time; yield the speeds of both rims [m/s] after each millisecond."""
-        from wheelchair_gym.hardware.boards.protocol import Command
-
         for k in range(round(seconds * 1000)):
             if k % 20 == 0 and self.pilot.target is not None:
                 self.pilot.send(Command(*self.pilot.target))

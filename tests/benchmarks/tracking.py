@@ -154,8 +154,7 @@ def watch(
         truth = chair.truth
         place = to_world(to_frame(tracks.place, reading.pose), truth.pose)
         turn = truth.pose[2] - reading.pose[2]
-        c, s = math.cos(turn), math.sin(turn)
-        velocity = tracks.velocity @ np.array([(c, s), (-s, c)])
+        velocity = to_world(tracks.velocity, (0.0, 0.0, turn))
         origin = np.array([*to_world(np.array([laser.x, laser.y]), truth.pose), truth.pose[2]])
         seen = shares_seen(episode, truth.actor_poses, origin, reading.laser, laser)
         log.append((reading.stamp, tracks, place, velocity, truth.actor_poses, origin, seen))

@@ -240,11 +240,10 @@ def test_a_mask_begins_some_rows_and_leaves_the_others():
 @pytest.mark.parametrize("single", [True, False])
 def test_seeds_that_are_told_begin_the_same_episodes_again(single):
     """After any reset, `np_random_seed` and `info` tell how to get there again."""
-    env = NavigationEnv(**QUICK) if single else NavigationVectorEnv(3, **QUICK)
     own = [{}, {"seed": 7}, {"seed": np.int64(2**63 - 4)}]
     rows = [{"seed": [None, 5, None]}, {"seed": [np.int64(3), None, 2**62]}, {"seed": np.arange(3)}]
     for given in own + own[:1] if single else own + rows:
-        env = type(env)(**QUICK) if single else NavigationVectorEnv(3, **QUICK)
+        env = NavigationEnv(**QUICK) if single else NavigationVectorEnv(3, **QUICK)
         observations, info = env.reset(**given)
         assert not np.any(info["is_success"])  # nobody begins in a world that does not exist
         assert (np.ravel(info["geodesic"]) > 0.5).all()
@@ -399,13 +398,10 @@ def test_rows_that_are_over_wait_for_their_reset_where_autoreset_is_disabled():
 
 
 def test_a_limit_of_steps_is_that_of_gymnasium():
-    many = gym.make_vec(
-        "wheelchair_gym/Navigation-v1", 2, scene="clutter", beams=16, max_episode_steps=5
-    )
-    wrapped = gym.make(
-        "wheelchair_gym/Navigation-v1", scene="clutter", beams=16, max_episode_steps=5
-    )
-    ours = NavigationEnv("clutter", beams=16, max_episode_steps=5)
+    short = {"scene": "clutter", "beams": 16, "max_episode_steps": 5}
+    many = gym.make_vec("wheelchair_gym/Navigation-v1", 2, **short)
+    wrapped = gym.make("wheelchair_gym/Navigation-v1", **short)
+    ours = NavigationEnv(**short)
     many.reset(seed=0)
     wrapped.reset(seed=1)
     ours.reset(seed=1)

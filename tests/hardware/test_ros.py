@@ -361,8 +361,7 @@ def test_a_static_transform_that_comes_late_stops_it_until_the_next_scan(bridge,
         chair.senses.receive("/tf_static", late, time.monotonic())
         return chair.drive(AHEAD)
 
-    assert until(lambda: np.isnan(driven().laser).all())
-    assert "/scan is silent" in driven().halted
+    assert until(lambda: "/scan is silent" in driven().halted)
     bridge.mute.clear()
     assert until(lambda: chair.drive(AHEAD).halted == "")
 

@@ -71,9 +71,8 @@ def test_what_is_transparent_is_never_free(tmp_path, mode, negate):
     else:
         assert (cells[clear] == maps.UNKNOWN).all()
     cv2.imwrite(str(tmp_path / "map.png"), grey[:1].astype(np.uint8))
-    np.testing.assert_array_equal(
-        cells[-1:], maps.read_map(file).cells
-    )  # as without a fourth channel
+    # As without a fourth channel.
+    np.testing.assert_array_equal(cells[-1:], maps.read_map(file).cells)
 
 
 PLAIN = "".join(f"{key}: {value}\n" for key, value in (KEYS | {"mode": "trinary"}).items())

@@ -43,8 +43,8 @@ def reading(scan, twist=(0.0, 0.0), stamp=0.0):
     )
 
 
-def row_of(name):
-    row = Assistants(make_compiled(name), CHAIR, SENSORS, 0.1)
+def row_of(name, sensors=SENSORS):
+    row = Assistants(make_compiled(name), CHAIR, sensors, 0.1)
     row.begin()
     return row
 
@@ -69,9 +69,7 @@ REST = Stick(0.0, 0.0, False)
 def test_further_scanners_show_obstacles_and_what_is_gone(shows_free):
     """A post behind; a scanner that may look over things does not say that it has gone."""
     behind = LaserSettings(x=-0.25, yaw=math.pi, beams=91, shows_free=shows_free)
-    sensors = replace(SENSORS, more_lasers=(behind,))
-    row = Assistants(make_compiled("slide"), CHAIR, sensors, 0.1)
-    row.begin()
+    row = row_of("slide", replace(SENSORS, more_lasers=(behind,)))
     blank = np.full(1081 + 91, np.inf)
     seen = blank.copy()
     seen[1081 + 45] = 0.07
@@ -83,8 +81,7 @@ def test_further_scanners_show_obstacles_and_what_is_gone(shows_free):
     row.update(REST, reading(seen, stamp=0.2))
     twist = Stick(-1.0, 0.0, False)
     row.update(twist, reading(seen, stamp=0.3))
-    free = Assistants(make_compiled("slide"), CHAIR, SENSORS, 0.1)
-    free.begin()
+    free = row_of("slide")
     free.update(twist, reading(blank[:1081], stamp=0.3))
     assert free.twist()[0] < row.twist()[0] <= 0.0
 

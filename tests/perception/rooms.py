@@ -3,7 +3,7 @@
 import numpy as np
 
 from tests.sensors.test_laser import brute_force
-from wheelchair_gym.geometry.planar import to_world
+from wheelchair_gym.geometry.planar import polygon_edges, to_world
 from wheelchair_gym.perception.occupancy import OccupancyMap, read_scan
 from wheelchair_gym.sensors.settings import LaserSettings
 
@@ -16,8 +16,7 @@ PILLAR = [(3.0, 0.7), (3.3, 0.7), (3.3, 1.0), (3.0, 1.0)]
 
 def walls():
     """Segments (n, 4) [m]."""
-    loops = [np.hstack([p, np.roll(p, -1, axis=0)]) for p in map(np.array, (CORNERS, PILLAR))]
-    return np.concatenate(loops)
+    return np.concatenate([polygon_edges(corners) for corners in (CORNERS, PILLAR)])
 
 
 def ranges(pose, rng=None, sigma=0.015):

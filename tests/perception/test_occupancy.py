@@ -92,15 +92,12 @@ def test_surfaces_stay_where_the_wall_is_however_often_it_is_seen():
 def test_what_moved_away_is_free_again_and_log_odds_stay_within_their_clamp():
     own = occupancy.MappingSettings()
     known = occupancy.OccupancyMap(own)
-    near, far = np.full(LASER.beams, 1.0), np.full(LASER.beams, 2.0)
-    for _ in range(20):
-        known.integrate(occupancy.read_scan(LASER, near), np.zeros(3))
-    ahead = known.to_grid()
-    assert ahead.cells[tuple(ahead.to_cell((1.0 + LASER.x, 0.0)))] == OCCUPIED
-    for _ in range(20):
-        known.integrate(occupancy.read_scan(LASER, far), np.zeros(3))
-    ahead = known.to_grid()
-    assert ahead.cells[tuple(ahead.to_cell((1.0 + LASER.x, 0.0)))] == FREE
+    for reach, cell in ((1.0, OCCUPIED), (2.0, FREE)):
+        for _ in range(20):
+            scan = occupancy.read_scan(LASER, np.full(LASER.beams, reach))
+            known.integrate(scan, np.zeros(3))
+        ahead = known.to_grid()
+        assert ahead.cells[tuple(ahead.to_cell((1.0 + LASER.x, 0.0)))] == cell
     minimum, maximum = (np.log(p / (1 - p)) for p in (occupancy.P_MIN, occupancy.P_MAX))
     assert known.layers.odds.min() == pytest.approx(minimum)
     assert known.layers.odds.max() == pytest.approx(maximum)

@@ -66,18 +66,13 @@ def test_iterations_replay_a_plan_made_under_a_deadline(name, clock):
 
 def test_a_planner_hands_its_deadline_on():
     """Each planner gives its own deadline to the planners that it calls."""
-    calls = 0
+    calls, asked = 0, ("plan", "solve")
     for path in sorted((ROOT / "planners").rglob("*.py")):
         for function in ast.walk(ast.parse(path.read_text())):
-            if not isinstance(function, ast.FunctionDef):
-                continue
-            if function.name != "solve":
+            if not isinstance(function, ast.FunctionDef) or function.name != "solve":
                 continue
             for call in ast.walk(function):
-                if isinstance(call, ast.Call) and getattr(call.func, "attr", "") in (
-                    "plan",
-                    "solve",
-                ):
+                if isinstance(call, ast.Call) and getattr(call.func, "attr", "") in asked:
                     calls += 1
                     said = f"{path.name}, line {call.lineno}: {ast.unparse(call)}"
                     assert len(call.args) == 3, said

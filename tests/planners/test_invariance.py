@@ -59,19 +59,15 @@ def test_polygons_are_united_in_any_order_and_frame(batch):
 
 
 def walled(shut, frame):
-    """A map of 10 m x 6 m with a wall from its lower side, whose gap may be shut."""
+    """A problem on a map of 10 m x 6 m with a wall from its lower side, whose gap may be shut."""
     cells = np.zeros((60, 100), np.int8)
     cells[: 60 if shut else 44, 47:53] = OCCUPIED
-    return OccupancyGrid(cells, 0.1, frame)
-
-
-def posed(grid, start, goal):
-    """The problem between two poses of a map's own frame."""
-    turn = np.array([0.0, 0.0, grid.origin[2]])
+    turn = np.array([0.0, 0.0, frame[2]])
     ends = [
-        np.append(to_world(np.array(end[:2]), grid.origin), end[2]) + turn for end in (start, goal)
+        np.append(to_world(np.array(end[:2]), frame), end[2]) + turn
+        for end in ((3.0, 1.0, 0.4), (7.0, 1.0, -1.2))
     ]
-    return Problem(Space.from_grid(grid), *ends, CLEARANCE)
+    return Problem(Space.from_grid(OccupancyGrid(cells, 0.1, frame)), *ends, CLEARANCE)
 
 
 @pytest.mark.parametrize("name", PLANNERS)
@@ -80,20 +76,25 @@ def test_plans_stay_on_a_rotated_map(name, shut):
     planner = quick(name, 2000)
     footprint = getattr(planner, "footprint", None)
     for k, frame in enumerate([(0.0, 0.0, 0.5), (3.0, -7.0, -2.0)]):
-        problem = posed(walled(shut, frame), (3.0, 1.0, 0.4), (7.0, 1.0, -1.2))
+        problem = walled(shut, frame)
         plan = planner.plan(problem, np.random.default_rng(k))
         assert not plan_faults(plan, problem, footprint)
         assert not (shut and plan.status is Status.SOLVED)
         if name in ("visibility", "lattice"):
-            expected = planner.plan(
-                posed(walled(shut, (0.0, 0.0, 0.0)), (3.0, 1.0, 0.4), (7.0, 1.0, -1.2)),
-                np.random.default_rng(k),
-            )
+            flat = walled(shut, (0.0, 0.0, 0.0))
+            expected = planner.plan(flat, np.random.default_rng(k))
             assert plan.status is expected.status
             if not shut:
                 assert plan.length == pytest.approx(expected.length, abs=1e-9)
                 placed = to_world(expected.path[:, :2], frame)
                 np.testing.assert_allclose(plan.path[:, :2], placed, atol=1e-9)
+
+
+def test_a_start_without_heading_has_heading_0_on_every_map():
+    problem = walled(False, (0.0, 0.0, 0.5))
+    problem = replace(problem, start=problem.start[:2])
+    plan = quick("lattice", 2000).plan(problem, np.random.default_rng(0))
+    assert plan.path[0, 2] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_shortest_paths_move_and_scale_with_their_map():
@@ -122,7 +123,7 @@ SAMPLING = [name for name in PLANNERS if "rrt" in name or name in ("prm", "swarm
 def test_on_average_sampling_planners_find_as_short_paths_on_rotated_maps(name):
     planner, lengths = quick(name, 1000), []
     for frame in ((0.0, 0.0, 0.0), (3.0, -7.0, -2.0)):
-        problem = posed(walled(False, frame), (3.0, 1.0, 0.4), (7.0, 1.0, -1.2))
+        problem = walled(False, frame)
         plans = [planner.plan(problem, np.random.default_rng(seed)) for seed in range(50)]
         lengths.append([plan.length for plan in plans if plan.status is Status.SOLVED])
     assert abs(len(lengths[0]) - len(lengths[1])) <= 1

@@ -49,13 +49,7 @@ def mean_length(planner, problem, seeds=6):
 
 def test_rrt_star_falls_with_samples_to_the_optimum(problem):
     lengths = [
-        np.mean(
-            [
-                rrt_star.RrtStar(iterations=n).plan(problem, np.random.default_rng(seed)).length
-                for seed in range(3)
-            ]
-        )
-        for n in (300, 1_000, 5_000, 30_000)
+        mean_length(rrt_star.RrtStar(iterations=n), problem, 3) for n in (300, 1_000, 5_000, 30_000)
     ]
     assert (np.diff(lengths) < 0).all()
     assert lengths[-1] <= 1.01 * SHORTEST
@@ -133,11 +127,10 @@ def test_informed_rrt_star_falls_to_the_optimum(name, share, stored):
 def test_informed_samples_stay_where_they_can_help(stored, monkeypatch):
     problem, _ = stored["clutter"]
     monkeypatch.setattr("planners.trees.rrt_star.MAX_NODES", 500)
-    first, done = (
-        rrt_star.InformedRrtStar(iterations=200),
-        rrt_star.InformedRrtStar(iterations=5_000),
+    before, after = (
+        rrt_star.InformedRrtStar(iterations=n).plan(problem, np.random.default_rng(0))
+        for n in (200, 5_000)
     )
-    before, after = (planner.plan(problem, np.random.default_rng(0)) for planner in (first, done))
     assert after.counters["nodes"] <= 2 * 500 + 30  # though it went on long after the tree was full
     assert after.length < before.length
     new = after.tree[len(before.tree) :, 2:]

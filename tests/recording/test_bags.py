@@ -4,6 +4,7 @@ The independent reader is mcap-ros2-support, which decodes by the definitions in
 """
 
 import math
+import shutil
 from unittest.mock import Mock
 
 import gymnasium as gym
@@ -273,6 +274,8 @@ def test_what_cannot_be_used_is_counted_or_named(tmp_path, caplog):
         ("map --recording {own} --scan-topic /front", "is no ROS 2 bag"),
         ("replay {bag}", "only drives that this program has recorded"),
         ("map --recording {none}", "neither .mcap nor .db3"),
+        ("map --recording {packed}", "part.db3.zstd is compressed, 1 can be read"),
+        ("map --recording {half}", "metadata.yaml names 2 files, 1 can be read"),
         ("replay {text}", "expected a ROS 2 bag in SQLite"),
     ],
 )
@@ -282,6 +285,10 @@ def test_what_is_wrong_is_one_line(drive, arguments, said, tmp_path, capsys):
     bag, *_ = other_robots_bag(tmp_path / "other")
     places = {"bag": bag, "own": drive[0], "none": tmp_path / "none"}
     places["text"] = tmp_path / "text.db3"
+    for name, file in (("packed", "part.db3.zstd"), ("half", "metadata.yaml")):
+        places[name] = shutil.copytree(bag, tmp_path / name)
+        with (places[name] / file).open("a") as text:
+            text.write("\n  - second.mcap\n")
     assert said in refusal(arguments.format(**places).split(), capsys)
 
 

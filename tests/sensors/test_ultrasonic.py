@@ -83,26 +83,20 @@ def test_a_lost_echo_does_not_let_the_sound_through_the_wall():
 
 def test_noise_ghosts_blind_zone_and_reach():
     one, pose = ranger_rows(UltrasonicSettings(), True)[0], np.zeros(3)
+
+    def sensed(walls, key, k):
+        return sense_ultrasonic(one, 0.010, pose, walls, NO_DISCS, np.uint64(key), k, ROOM)
+
     ahead = wall(0.70 + 2.0)
-    readings = np.array(
-        [
-            sense_ultrasonic(one, 0.010, pose, ahead, NO_DISCS, np.uint64(5), k, ROOM)
-            for k in range(20000)
-        ]
-    )
+    readings = np.array([sensed(ahead, 5, k) for k in range(20000)])
     expected = 2.0  # the cone of +-7.5 degrees about 5 degrees holds the perpendicular
     near = np.abs(readings - expected) < 0.05
     assert np.std(readings[near]) == pytest.approx(0.010, rel=0.05)
     ghosts = (~near).mean()
     assert ghosts == pytest.approx(0.01 * expected / 4.0, abs=0.0025)
-    quiet = np.array(
-        [
-            sense_ultrasonic(one, 0.010, pose, NO_WALLS, NO_DISCS, np.uint64(6), k, ROOM)
-            for k in range(20000)
-        ]
-    )
+    quiet = np.array([sensed(NO_WALLS, 6, k) for k in range(20000)])
     assert np.isfinite(quiet).mean() == pytest.approx(0.01, abs=0.003)
-    touching = sense_ultrasonic(one, 0.010, pose, wall(0.705), NO_DISCS, np.uint64(5), 3, ROOM)
+    touching = sensed(wall(0.705), 5, 3)
     assert touching == pytest.approx(0.02, abs=0.03)
     assert touching >= 0.02
 

@@ -71,16 +71,10 @@ def busy(seed: int, start: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Epis
     things: list[records.Actor] = []
     spots = [(x, y) for x in (-3, -2, 2, 3) for y in (-3, -1.9, 1.9, 3)]
     rng.shuffle(spots)
-    for avoids in (
-        records.EVERYBODY,
-        records.EVERYBODY,
-        records.PEOPLE,
-        records.PEOPLE,
-        records.NOBODY,
-        records.NOBODY,
-    ):
-        way = np.array([spots.pop(), rng.uniform(-1, 1, 2), rng.uniform(-3, 3, 2)])
-        things.append(records.person(way, rng.uniform(0.6, 1.6), avoids=avoids, patience=2.0))
+    for avoids in (records.EVERYBODY, records.PEOPLE, records.NOBODY):
+        for _ in range(2):
+            way = np.array([spots.pop(), rng.uniform(-1, 1, 2), rng.uniform(-3, 3, 2)])
+            things.append(records.person(way, rng.uniform(0.6, 1.6), avoids=avoids, patience=2.0))
     for size, mass in (((0.5, 0.4), 8.0), ((0.2, 0.0), 4.0), ((0.3, 0.3), 6.0)):
         things.append(records.furniture((*spots.pop(), rng.uniform(-3, 3)), size, mass))
     for near in (0.5, 2.5):

@@ -85,9 +85,8 @@ def test_gaps_are_those_of_the_points_beside_each_pose(poses):
         middle = np.median(np.stack([scan[:-2], scan[1:-1], scan[2:]]), axis=0)[::2]
         middle, kept = np.maximum(middle, 0.0), middle < np.inf
         points = middle[kept, None] * DIRECTIONS[1:-1:2][kept] + (LASER.x, LASER.y)
-        for row, (x, y, yaw) in zip(told(scan, poses), [(0.0, 0.0, 0.0), *poses], strict=True):
-            c, s = np.cos(yaw), np.sin(yaw)
-            along, aside = np.array([(c, s), (-s, c)]) @ (points - (x, y)).T
+        for row, pose in zip(told(scan, poses), [(0.0, 0.0, 0.0), *poses], strict=True):
+            along, aside = to_frame(points, pose).T
             beside = (along > -OUTLINE.rear - gaps.BEYOND) & (along < OUTLINE.front + gaps.BEYOND)
             for gap, side in zip(row, (aside >= 0, aside < 0), strict=True):
                 near = np.abs(aside[beside & side]).min(initial=np.inf) - OUTLINE.half_width

@@ -5,6 +5,7 @@ Every reader of the project opens its file here. A limit is checked before memor
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import re
@@ -12,6 +13,7 @@ import stat
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import IO, Any, Final, NamedTuple
 
@@ -125,6 +127,20 @@ def modified(path: str | Path) -> int:
         return os.stat(path).st_mtime_ns
     except (OSError, ValueError):
         return 0
+
+
+@cache
+def _digest(path: str | Path, stamp: int, limit: str) -> str:
+    return hashlib.sha256(read_bytes(path, limit)).hexdigest()
+
+
+def file_digest(path: str | Path, limit: str = "weights") -> str:
+    """SHA-256 of a file within one of `LIMITS`.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    return _digest(path, modified(path), limit)
 
 
 def read_text(path: str | Path, limit: str = "text", errors: str = "strict") -> str:

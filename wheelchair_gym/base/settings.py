@@ -24,10 +24,8 @@ import numpy as np
 
 from wheelchair_gym.base.errors import InputError as InputError
 from wheelchair_gym.base.errors import shorten
-from wheelchair_gym.base.files import LIMITS
-from wheelchair_gym.base.files import parse_json as parse_json
+from wheelchair_gym.base.files import LIMITS, parse_json
 from wheelchair_gym.base.files import read_json as read_json
-from wheelchair_gym.base.files import read_text as read_text
 
 T = TypeVar("T")
 Range = Annotated[tuple[T, T], "a least and a greatest value"]  # others are refused

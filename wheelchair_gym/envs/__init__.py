@@ -1,7 +1,5 @@
 """Gymnasium environments and their registered ids."""
 
-from __future__ import annotations
-
 from wheelchair_gym.envs.navigation import NavigationEnv
 from wheelchair_gym.envs.settings import EnvSettings
 from wheelchair_gym.envs.vector import NavigationVectorEnv

@@ -26,7 +26,8 @@ _PATCH_DENSITY = 0.02  # 1/m2 of a degraded map: patches that are forgotten
 
 def geodesic_path(task: Task) -> Array:
     """Return the geodesic from the start to the goal (n, 2) [m]."""
-    return task.geodesic.path(task.start[:2])
+    path = task.geodesic.path(task.start[:2])  # short at the goal, and where no way is known
+    return path if len(path) > 1 else np.stack([task.start[:2], task.goal[:2]])
 
 
 @settings
@@ -47,6 +48,7 @@ class PoseGuidance:
 
     def __call__(self, task: Task) -> CostToGo:
         """Compute the cost to go of the outline to the task's goal."""
+        heading = task.settings.heading_tolerance if task.settings.heading else None
         return cost_to_go(
             self._map_of(task),
             task.goal,
@@ -54,7 +56,7 @@ class PoseGuidance:
             task.limits,
             tolerance=GOAL_DEPTH * max(0.0, task.tolerance - task.settings.arrival_margin),
             starts=[task.start],
-            heading=None if task.arrival is None else task.arrival.heading,
+            heading=heading if task.arrival is None else task.arrival.heading,
             config=self.ways,
             slack=self.max_detour,
         )

@@ -21,10 +21,12 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.errors import shorten
-from wheelchair_gym.base.files import atomic_write
+from wheelchair_gym.base.files import atomic_write, file_digest
+from wheelchair_gym.base.registry import places_in, source_of
 from wheelchair_gym.base.settings import InputError, dump
 from wheelchair_gym.compiled.random import WORLDS, Split, bits, episode_key, uniform, world_seed
 from wheelchair_gym.envs.settings import EnvSettings
+from wheelchair_gym.maps import map_files
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.scenes.arena import check_passable, check_start
 from wheelchair_gym.task.prepared_episode import PreparedEpisode
@@ -224,6 +226,9 @@ def _identity(settings: EnvSettings, split: Split) -> str:
         "limits": dump(settings.chair.limits),
     }
     try:
+        named["files"] = [file_digest(file, "image") for file in map_files(named)]
+        code = sorted({source_of(place) or "" for place in places_in(named)} - {""})
+        named["code"] = list(map(file_digest, code))
         text = json.dumps(named, sort_keys=True)
     except TypeError:
         raise InputError("bank.cache needs a scene and a guidance that are given by name") from None

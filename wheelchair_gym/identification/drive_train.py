@@ -17,7 +17,7 @@ equation of a window is linear in the unknowns, and only travel and voltage ente
 
 from __future__ import annotations
 
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,6 @@ from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.engine import GRAVITY
 from wheelchair_gym.identification.logs import DriveLog
 
-TERMS: Final = ("push", "damping", "drag", "pull_x", "pull_y")
 _PULL = slice(3, 5)  # places of the pull in an array of values
 _WINDOW, _EVERY = 1.0, 0.1  # s: of a window, and between the starts of two
 _PERIOD = 0.02  # s: travel and voltage are sampled anew
@@ -39,7 +38,7 @@ _MIN_WINDOWS = 60
 
 
 class DriveTrain(NamedTuple):
-    """Values of TERMS, and how certain they are."""
+    """Push, damping, drag, and pull along x and y; and how certain they are."""
 
     values: Array  # (5,) m/s2 per V; 1/s; m/s2; m/s2; m/s2
     covariance: Array  # (5, 5)

@@ -14,7 +14,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from wheelchair_gym.base.arrays import Array, Floats
+from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.errors import InputError
 from wheelchair_gym.geometry.planar import relative_pose, to_world, wrap_angle
 from wheelchair_gym.identification.fit import find_kinematics
@@ -120,7 +120,8 @@ def predict(
     predictions = []
     for chair, sensors in simulations:
         told, poses = simulate(log, chair, drive.chair)
-        points = [_points(sensors.laser, scan) for scan in log.ranges]
+        scans = log.ranges - np.float32(sensors.laser.offset)
+        points = [read_scan(sensors.laser, scan).echoes for scan in scans]
         predictions.append([
             _compared(log, path, told, poses, times, points, seconds) for seconds in HORIZONS
         ])  # fmt: skip
@@ -171,11 +172,6 @@ def _compared(
         _spread(at_ends(told, told.speeds) - at_ends(log, log.speeds)),
         _spread(at_ends(told, told.volts) - at_ends(log, log.volts)), _spread(np.array(scans)),
     )  # fmt: skip
-
-
-def _points(laser: LaserSettings, ranges: Floats) -> Array:
-    """Points (n, 2) [m] of a raw scan, in the frame of the chair."""
-    return np.asarray(read_scan(laser, ranges - np.float32(laser.offset)).echoes, np.float64)
 
 
 def _spread(errors: Array) -> tuple[float, float]:

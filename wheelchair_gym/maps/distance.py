@@ -220,6 +220,8 @@ def _distance(field: Field, scale: float, x: float, y: float) -> float:
         return 0.0
     u, v = min(max(u, 0.0), cols - 1.001), min(max(v, 0.0), rows - 1.001)
     c, r = int(u), int(v)
+    if min(rows, cols) < 2:  # no two cells to interpolate between
+        return float(field[r, c])
     return bilinear(field, r, c, u - c, v - r)
 
 

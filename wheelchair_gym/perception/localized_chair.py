@@ -19,21 +19,17 @@ class Localizer(Protocol):
 
     def begin(self, episode: Episode, key: int) -> None:
         """Start where an episode does; the key seeds every draw until the next one begins."""
-        ...
 
     def update(self, increment: Array, ranges: NDArray[np.float32]) -> Array:
         """The pose (3,) after an odometry increment (3,) [m, m, rad] and a scan."""
-        ...
 
     @property
     def poses(self) -> Array:
         """Possible poses of the chair (particles, 3) [m, m, rad]."""
-        ...
 
     @property
     def built_map(self) -> Callable[[], OccupancyGrid] | None:
         """A function that returns the map built so far; None where the map is given."""
-        ...
 
 
 class LocalizedChair(Chair):

@@ -558,7 +558,7 @@ class Slam:
 
     def built_map(self) -> OccupancyGrid:
         """The best particle's map; a single unknown cell before the first scan."""
-        if self.maps.layers.odds.size == 0:
+        if not self._history:
             cells = np.full((1, 1), UNKNOWN, np.int8)
             return OccupancyGrid(cells, self.settings.resolution)
         if self._map is None or self._map[0] != len(self._history):

@@ -43,7 +43,6 @@ class Scene(Protocol):
         Raises:
             InputError: the settings leave no world that fits it.
         """
-        ...
 
 
 @settings

@@ -14,15 +14,9 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.ndimage import label
 
+from wheelchair_gym.base import files
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.errors import shorten
-from wheelchair_gym.base.files import (
-    check_cells,
-    coordinate_lists,
-    coordinates,
-    modified,
-    read_json,
-)
 from wheelchair_gym.base.settings import InputError, setting, settings
 from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid, geodesic
@@ -89,16 +83,16 @@ def _parse_world(data: Any, where: str) -> tuple[Array, Array, Array, float | No
             raise InputError(f"{where}.{key} is missing")
     if not isinstance(data["world"], int | str):
         raise InputError(f"{where}.world is {shorten(data['world'])}; expected a number or a name")
-    start = coordinates(data["start"], (3,), f"{where}.start")
-    goal = coordinates(data["goal"], (2, 3), f"{where}.goal")
-    circles = coordinate_lists(data["circles"], 3, f"{where}.circles")
+    start = files.coordinates(data["start"], (3,), f"{where}.start")
+    goal = files.coordinates(data["goal"], (2, 3), f"{where}.goal")
+    circles = files.coordinate_lists(data["circles"], 3, f"{where}.circles")
     for k, (_, _, radius) in enumerate(circles):
         if radius <= 0.0:
             raise InputError(f"{where}.circles[{k}] has radius {radius}; expected more than 0")
     yaw = math.atan2(goal[1] - start[1], goal[0] - start[0])
     length = data.get("reference_path_length")
     if length is not None:
-        (length,) = coordinates([length], (1,), f"{where}.reference_path_length")
+        (length,) = files.coordinates([length], (1,), f"{where}.reference_path_length")
     return np.array(start), np.array([*goal, yaw][:3]), np.array(circles).reshape(-1, 3), length
 
 
@@ -108,7 +102,7 @@ _MAP_MARGIN = 1.5  # m from cylinders, start and goal to the border of the map
 @lru_cache(maxsize=4)
 def _worlds(path: Path, stamp: int) -> list[Any]:
     """The file's content; the stamp makes an edited file be read again."""
-    data = read_json(path)
+    data = files.read_json(path)
     if not isinstance(data, list) or not data:
         raise InputError(f"{path}: expected a list of worlds")
     return data
@@ -150,7 +144,7 @@ class Barn:
 
     def _read(self, rng: np.random.Generator) -> Episode:
         path = Path(self.path)
-        worlds = _worlds(path, modified(path))
+        worlds = _worlds(path, files.modified(path))
         index = int(rng.integers(len(worlds)))
         if self.world is not None:
             named = world_numbers(path)
@@ -165,7 +159,7 @@ class Barn:
         points = np.vstack([discs[:, :2], start[:2], goal[:2]])
         low = np.floor((points.min(axis=0) - _MAP_MARGIN) / CELL) * CELL
         cols, rows = (to_cells(side) for side in points.max(axis=0) + _MAP_MARGIN - low)
-        check_cells(rows, cols, name)
+        files.check_cells(rows, cols, name)
         cells = np.zeros((rows, cols), dtype=np.int8)
         paint_discs(cells, discs, low[0], low[1], OCCUPIED)
         grid = OccupancyGrid(cells, CELL, (low[0], low[1], 0.0))
@@ -179,5 +173,5 @@ def world_numbers(path: str | Path) -> list[Any]:
         InputError: the file cannot be read, or holds no list of worlds.
     """
     path = Path(path)
-    worlds = _worlds(path, modified(path))
+    worlds = _worlds(path, files.modified(path))
     return [world.get("world") if isinstance(world, Mapping) else None for world in worlds]

@@ -14,6 +14,7 @@ from wheelchair_gym.base.settings import InputError, Range, setting, settings
 from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.geometry.planar import arc_lengths
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid, geodesic
+from wheelchair_gym.scenes import pedestrians
 from wheelchair_gym.scenes.arena import (
     CLEARANCE,
     FOOTPRINT,
@@ -24,19 +25,7 @@ from wheelchair_gym.scenes.arena import (
 )
 from wheelchair_gym.scenes.floor_plan import InBuilding
 from wheelchair_gym.scenes.layout import FloorLayout
-from wheelchair_gym.scenes.pedestrians import (
-    PASSAGES,
-    BehaviourShares,
-    Passage,
-    PassageName,
-    PeopleSettings,
-    ReactionShares,
-    draw_place,
-    free_area,
-    sample_passage_people,
-    sample_people,
-    with_open_doors,
-)
+from wheelchair_gym.scenes.pedestrians import PASSAGES, Passage, PeopleSettings, ReactionShares
 from wheelchair_gym.scenes.raster import CELL
 from wheelchair_gym.types import Episode
 
@@ -46,7 +35,7 @@ _PIECES = (((0.45, 0.45), 5.0), ((0.20, 0.0), 3.0), ((0.60, 0.40), 9.0), ((0.25,
 # chair, stool, serving trolley, waste bin: size [m] (of a round one its radius and 0), mass [kg]
 
 Hall = tuple[Arena, Array, Array]  # with its start and its goal (3,)
-Place = Literal["any", "building", "hall", PassageName]
+Place = Literal["any", "building", "hall", pedestrians.PassageName]
 _OPENS_AT = 2.0  # m of somebody from a leaf: EN 16005, sensors of powered doors
 _SLIDING_SHARE = 0.5  # of leaves, where the wall has room; the others swing
 
@@ -89,7 +78,7 @@ def leaves_that_let_pass(leaves: list[Actor], episode: Episode, radius: float) -
     start, goal = episode.start[:2], episode.goal[:2]
 
     def passes(some: list[Actor]) -> bool:
-        paths = geodesic(with_open_doors(episode.map, some), goal, radius)
+        paths = geodesic(pedestrians.with_open_doors(episode.map, some), goal, radius)
         return bool(np.isfinite(paths.at(start)))
 
     if passes(leaves):
@@ -130,9 +119,9 @@ def sample_furniture(
     """Movable furniture, none on the chair's start and goal; `taken` as in `sample_people`."""
     places = np.argwhere(grid.traversable(_CLEAR))
     found: list[Actor] = []
-    for _ in range(round(density * free_area(grid)) if len(places) else 0):
+    for _ in range(round(density * pedestrians.free_area(grid)) if len(places) else 0):
         size, mass = _PIECES[rng.integers(len(_PIECES))]
-        x, y = draw_place(rng, grid, places)
+        x, y = pedestrians.draw_place(rng, grid, places)
         yaw = rng.uniform(-math.pi, math.pi)
         reach = math.hypot(*size) / (2.0 if size[1] else 1.0)
         gaps = [math.dist((x, y), end[:2]) for end in ends]
@@ -186,9 +175,9 @@ class Crowd(InBuilding):
         leaves = [] if layout is None else sample_doors(rng, grid, layout, self.leaf_share)
         leaves = leaves_that_let_pass(leaves, episode, passing_radius(footprint))
         if isinstance(ground, Passage):
-            people = sample_passage_people(rng, ground, self.people, taken)
+            people = pedestrians.sample_passage_people(rng, ground, self.people, taken)
         else:
-            people = sample_people(rng, grid, start, self.people, taken, leaves)
+            people = pedestrians.sample_people(rng, grid, start, self.people, taken, leaves)
         actors = combine([*pieces, *leaves, *people])
         return layout, dataclasses.replace(episode, actors=actors, name=self.name)
 
@@ -230,7 +219,7 @@ class People(Crowd):
     place: Place = setting(default="hall")
     people: PeopleSettings = PeopleSettings(
         density=(0.12, 0.14),
-        behaviours=BehaviourShares(
+        behaviours=pedestrians.BehaviourShares(
             groups=0.25, pauses=0.1, cuts_in=0.1, reads_phone=0.1, walks_beside=0.1, children=0.1,
             trolleys=0.1,
         ),

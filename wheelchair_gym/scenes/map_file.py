@@ -14,7 +14,7 @@ from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.files import modified
 from wheelchair_gym.base.settings import InputError, setting, settings
 from wheelchair_gym.geometry.outline import Footprint
-from wheelchair_gym.maps import FREE, OccupancyGrid, geodesic, read_any_map
+from wheelchair_gym.maps import FREE, OccupancyGrid, geodesic, map_files, read_any_map
 from wheelchair_gym.scenes.arena import CLEARANCE, FOOTPRINT, Ends, is_free_pose, passing_radius
 from wheelchair_gym.types import Episode, no_discs
 
@@ -29,9 +29,9 @@ def example_map() -> Path:
 
 @lru_cache(maxsize=8)
 def _read(
-    path: Path, stamp: int, unknown_is_solid: bool, resolution: float | None
+    path: Path, stamps: tuple[int, ...], unknown_is_solid: bool, resolution: float | None
 ) -> tuple[OccupancyGrid, Array]:
-    """Map and walls; the stamp makes an edited file be read again."""
+    """Map and walls; the stamps make edited files be read again."""
     return read_any_map(path, unknown_is_solid, resolution)
 
 
@@ -63,7 +63,8 @@ class MapFile(Ends):
         files = (self.path,) if isinstance(self.path, str) else self.path
         chosen = files[0] if len(files) == 1 else files[int(rng.integers(len(files)))]
         path = Path(chosen) if chosen else example_map()
-        grid, walls = _read(path, modified(path), self.unknown_is_solid, self.resolution)
+        stamps = tuple(map(modified, map_files({"path": str(path)})))
+        grid, walls = _read(path, stamps, self.unknown_is_solid, self.resolution)
         for name, pose in (("start", self.start), ("goal", self.goal)):
             if pose is None:
                 continue

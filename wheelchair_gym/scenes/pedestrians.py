@@ -394,8 +394,7 @@ def _place(
 
 def _is_free(grid: OccupancyGrid, free: NDArray[np.bool_], place: Array) -> bool:
     """Whether a place (2,) [m] lies in one of the free cells of a map."""
-    inside: bool = bool(grid.inside(place)) and bool(free[tuple(grid.to_cell(place))])
-    return inside
+    return bool(grid.inside(place)) and bool(free[tuple(grid.to_cell(place))])
 
 
 def _put_beside_chair(walker: Actor, start: Array, grid: OccupancyGrid, taken: list[Array]) -> None:

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from wheelchair_gym.base.settings import setting, settings
+from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.task.prepared_episode import Aim
 from wheelchair_gym.task.rewards import RewardWeights
-
-if TYPE_CHECKING:
-    from wheelchair_gym.sensors.settings import SensorSettings
 
 
 @settings

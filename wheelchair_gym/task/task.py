@@ -20,16 +20,7 @@ from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sim.settings import ChairSettings
 from wheelchair_gym.sim.state import sensed_of
-from wheelchair_gym.task import observations
-from wheelchair_gym.task.assessment import (
-    PROGRESS,
-    RULES,
-    RULES_TARGETS,
-    TASK,
-    TASK_TARGETS,
-    assess,
-    begin_task,
-)
+from wheelchair_gym.task import assessment, observations
 from wheelchair_gym.task.observations import ObservationSource
 from wheelchair_gym.task.prepared_episode import AIMS, PreparedEpisode, geodesic_to_go
 from wheelchair_gym.task.rewards import TERMS, VERDICT, has_arrived
@@ -98,7 +89,7 @@ class Task:
         self._ahead = np.array(getattr(settings, name))
         if (np.diff(self._ahead) < 0.0).any():
             raise InputError(f"task.{name} is {self._ahead.tolist()}; expected rising values")
-        self._pointers = Pointers(np.zeros(1, RULES), RULES_TARGETS)
+        self._pointers = Pointers(np.zeros(1, assessment.RULES), assessment.RULES_TARGETS)
         self.rules: Rows = self._pointers.record
         self._set_rules()
         self._tracker: TrackerConstants | None = None
@@ -107,7 +98,7 @@ class Task:
                 hertz = f"a rate of {1.0 / period:g} Hz; expected 1 Hz at least"
                 raise InputError(f"task.tracks is {settings.tracks} at {hertz}")
             self._tracker = TrackerConstants(sensors.laser)
-        self._progress = np.zeros(1, PROGRESS)
+        self._progress = np.zeros(1, assessment.PROGRESS)
         self.judged = np.zeros(1, VERDICT)  # of the latest reading
         self.rows = self.row_pointers(self._progress)
         self.spaces = observations.spaces(self._source)
@@ -122,7 +113,7 @@ class Task:
         if self._tracker is not None:
             tracked = np.zeros(n, TRACKER) if tracked is None else tracked
             trackers = point_to_trackers(self._tracker, tracked, [None] * n)
-        rows = Pointers(np.zeros(1, TASK), TASK_TARGETS)
+        rows = Pointers(np.zeros(1, assessment.TASK), assessment.TASK_TARGETS)
         rows.fill(n=n, rules=self._pointers, progress=progress, trackers=trackers)
         if prepared is not None:
             rows.point("prepared", prepared)
@@ -223,8 +214,8 @@ class Task:
         """Begin an episode with its first reading; behind a shield if it is shielded."""
         self.enter(prepared, key)
         out = np.empty(self.observation_size, np.float32)
-        seen = sensed_of(reading)[0]
-        begin_task(0, self.rows.record, self.judged, seen, reading.laser, is_shielded, out)
+        row, seen = self.rows.record, sensed_of(reading)[0]
+        assessment.begin_task(0, row, self.judged, seen, reading.laser, is_shielded, out)
         self.take_limits()
         self.take_step(reading, self.unpack(out), (0.0, 0.0), (0.0, 0.0))
         return self.observation
@@ -255,8 +246,8 @@ class Task:
         `judged` then holds its verdict, `reading` the new reading.
         """
         out = np.empty(self.observation_size, np.float32)
-        seen = sensed_of(reading)[0]
-        assess(0, self.rows.record, self.judged, action, less, seen, reading.laser, out)
+        row, seen = self.rows.record, sensed_of(reading)[0]
+        assessment.assess(0, row, self.judged, action, less, seen, reading.laser, out)
         self.take_step(reading, self.unpack(out), action, less)
         return self.observation
 

@@ -105,7 +105,7 @@ class Driven(SimulatedChair):
 
 def test_calibration_drives_fits_and_writes(tmp_path, monkeypatch, capsys):
     """It writes the chair's own values; without --write it says that the config is off."""
-    config, saved = put(tmp_path / "chair.json", {}), {}
+    config, saved = put(tmp_path / "chair.json", {"model": "thesis"}), {}
     words = ["hardware", "calibrate", "--config", str(config)]
     monkeypatch.setattr(hardware, "_chair", lambda settings: Driven(settings, box(1.5)))
     assert main(words) == 1
@@ -117,7 +117,7 @@ def test_calibration_drives_fits_and_writes(tmp_path, monkeypatch, capsys):
     said = capsys.readouterr().out
     assert re.search("OFF +track", said)
     assert "not written" in said
-    assert config.read_text() == "{}"
+    assert json.loads(config.read_text()) == {"model": "thesis"}
     monkeypatch.setattr(Driven, "bumped", True)
     assert main(words) == 1
     assert "a bumper was pressed before the drive began" in capsys.readouterr().err

@@ -12,6 +12,7 @@ from agents.evaluation.metrics import TIMING
 from agents.evaluation.runs import read_store
 from agents.evaluation.tuning import METRICS
 from agents.learning.folder import RESULT_KEYS, _results
+from agents.people.drive import Stand
 from agents.policies.planned import Planned
 from agents.policies.scripted import StraightPolicy
 from wheelchair_gym.base.settings import InputError, setting, settings
@@ -76,16 +77,6 @@ class Turning:
         return Command(np.array([0.0, self.turn]))
 
 
-class Bare:
-    """A policy without settings that make it."""
-
-    def reset(self, mission):
-        pass
-
-    def act(self, reading):
-        return Command(np.zeros(2))
-
-
 def test_policies_may_be_objects(tmp_path):
     """Settings of ours or of anybody, beside names; a store knows each again by its values."""
     own = Planned(planner={"name": "a_star"}, follower={"name": "pure_pursuit"})
@@ -105,7 +96,7 @@ def test_policies_may_be_objects(tmp_path):
     ("policies", "message"),
     [
         (["nobody"], "nobody"),
-        ([Bare()], "expected a name, an object or policy settings"),
+        ([Stand()], "expected a name, an object or policy settings"),
         ([Turning(), Turning(turn=-0.5)], "'Turning': several policies have this name; give each"),
         ([{"name": "a_star"}, {"name": "a_star", "seed": 1}], "'a_star': several policies have"),
     ],

@@ -12,7 +12,7 @@ from agents.evaluation.evaluate import drive_episode, make_env
 from agents.evaluation.metrics import OVERSPEED, shortest_path
 from agents.policies import make_policy
 from wheelchair_gym.geometry.outline import Footprint
-from wheelchair_gym.geometry.planar import to_world
+from wheelchair_gym.geometry.planar import polygon_edges, to_world
 from wheelchair_gym.maps import FREE, OccupancyGrid
 from wheelchair_gym.types import Arrival, Episode
 
@@ -43,9 +43,8 @@ def test_scores_are_those_of_barn(success, seconds, score):
 def test_halts_are_rests_on_the_way():
     go, rest, turn = (0.5, 0.0), (0.0, 0.0), (0.0, 0.3)
     way = [rest] * 9 + [go] * 3 + [rest] * 5 + [turn] * 2 + [rest] * 4 + [go] + [rest] * 9
-    assert (
-        metrics.halts(np.array(way), 0.1) == 1
-    )  # not before it set out, not the short one, not the end
+    # Not before it set out, not the short one, not the end.
+    assert metrics.halts(np.array(way), 0.1) == 1
     assert metrics.halts(np.zeros((20, 2)), 0.1) == 0
 
 
@@ -83,10 +82,7 @@ def test_a_success_is_measured():
 )
 def test_a_drive_that_leaves_the_cells_of_its_map_is_no_success(yaw, outcome):
     """The map ends where its cells end, not at the rectangle that holds a turned map."""
-    x, y = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]]) @ (
-        -0.1,
-        -0.1,
-    )
+    x, y = to_world((-0.1, -0.1), (0.0, 0.0, yaw))
     strip = OccupancyGrid(np.zeros((4, 30)), 0.05, (x, y, yaw))
     x0, y0, x1, y1 = strip.bounds
     assert yaw == 0.0 or (x0 < 0.0 < 1.25 < x1 and y0 < 0.0 < y1)
@@ -171,8 +167,7 @@ def world(start, goal, walls=(), discs=(), **more):
 
 
 def box(xmin, ymin, xmax, ymax):
-    corners = np.array([(xmin, ymin), (xmax, ymin), (xmax, ymax), (xmin, ymax)])
-    return np.hstack([corners, np.roll(corners, -1, axis=0)])
+    return polygon_edges([(xmin, ymin), (xmax, ymin), (xmax, ymax), (xmin, ymax)])
 
 
 def length(episode, **settings):

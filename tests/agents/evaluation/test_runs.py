@@ -5,14 +5,19 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from joblib._parallel_backends import LokyBackend
 
 from agents import StoppedError
-from agents.evaluation.runs import compute, read_store
+from agents.evaluation.runs import compute, read_store, run_key
 from tests.agents.evaluation import runs_work as work
 from tests.conftest import ROOT, until
 from wheelchair_gym.base.settings import InputError
+from wheelchair_gym.envs import world_banks
+from wheelchair_gym.envs.settings import env_settings
+from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, write_map
+from wheelchair_gym.scenes import make_scene
 
 JOBS = {f"k{seed}": (seed, None) for seed in range(12)}
 WHOLE = {key: work.draw(job) for key, job in JOBS.items()}
@@ -119,6 +124,22 @@ def _lives(process):
         return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except OSError:
         return False
+
+
+def test_an_edited_map_is_another_one(tmp_path):
+    """A new image of the same YAML file: the map, the keys of runs and the bank's are new."""
+    file, found = tmp_path / "a.YAML", []
+    scene = {"name": "map_file", "path": str(file)}
+    for age in (1, 2):
+        cells = np.full((80, 80), FREE, np.int8)
+        cells[:age] = OCCUPIED
+        write_map(OccupancyGrid(cells, 0.1), file)
+        os.utime(file, (1, 1))
+        os.utime(file.with_suffix(".pgm"), (age, age))
+        grid = make_scene(scene).sample(np.random.default_rng(0)).map
+        bank = world_banks._identity(env_settings(None, scene=scene), "test")
+        found.append((run_key(scene), bank, int((grid.cells == OCCUPIED).sum())))
+    assert not set(found[0]) & set(found[1])
 
 
 def test_bad_workers_and_stores_are_refused(tmp_path):

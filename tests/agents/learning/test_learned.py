@@ -15,9 +15,10 @@ from agents.learning.folder import BEST, CHECKPOINT, POLICY, load_checkpoint, mo
 from agents.learning.run import Run, train
 from agents.learning.weights import Network, load_weights, save_weights, shipped
 from agents.policies import GymPolicy, make_policy
-from agents.policies.learned import BACK, file_digest
+from agents.policies.learned import BACK
 from tests.agents.learning.tiny_runs import ENV, random_weights, tiny, trained_run
 from tests.conftest import ROOT, put, refusal
+from wheelchair_gym.base.files import file_digest
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv
 
@@ -27,9 +28,13 @@ def trained(tmp_path_factory):
     return trained_run(tmp_path_factory.mktemp("trained"))
 
 
-def test_evaluation_lacks_what_only_the_critic_may_see(trained):
+@pytest.fixture
+def folder(trained):
+    return trained[1]
+
+
+def test_evaluation_lacks_what_only_the_critic_may_see(folder):
     """A trained policy drives an env of its defaults, whose observations have no such key."""
-    _, folder = trained
     env = NavigationEnv("clutter", pose_source="modelled", split="test")
     assert "privileged" not in env.observation_space.spaces
     policy = make_policy(str(folder / POLICY))
@@ -94,8 +99,7 @@ def test_a_driver_sees_and_acts_as_in_training(trained):
     assert run.layout.size == len(flat) + 3
 
 
-def test_a_driver_is_told_what_was_withheld_in_all_the_time_since_it_acted(trained):
-    _, folder = trained
+def test_a_driver_is_told_what_was_withheld_in_all_the_time_since_it_acted(folder):
     env = NavigationEnv("clutter", shield=True, split="test")
     policy = make_policy(str(folder / POLICY))
     maximum = 0.0
@@ -117,8 +121,7 @@ def test_a_driver_is_told_what_was_withheld_in_all_the_time_since_it_acted(train
     assert maximum > 0.0
 
 
-def test_a_driver_holds_its_action_where_control_is_faster(trained):
-    _, folder = trained
+def test_a_driver_holds_its_action_where_control_is_faster(folder):
     env = NavigationEnv("clutter", rate=10.0, split="test")
     observation, _ = env.reset(seed=0)
     policy = GymPolicy(make_policy({"name": str(folder / POLICY)}), env)
@@ -163,8 +166,7 @@ def test_on_a_map_that_grows_a_policy_remembers_where_it_has_been():
     assert (np.diff(been) > -0.15).all()  # never forgotten
 
 
-def test_a_run_goes_on_only_from_a_whole_checkpoint_and_with_its_own_settings(trained, tmp_path):
-    _, folder = trained
+def test_a_run_goes_on_only_from_a_whole_checkpoint_and_with_its_own_settings(folder, tmp_path):
     run_of = tmp_path / "run"
     run_of.mkdir()
     data = bytearray((folder / CHECKPOINT).read_bytes())
@@ -179,8 +181,7 @@ def test_a_run_goes_on_only_from_a_whole_checkpoint_and_with_its_own_settings(tr
         Run(other, 0, folder)
 
 
-def test_a_finished_run_is_extended_by_asking_for_more_frames(trained, tmp_path):
-    _, folder = trained
+def test_a_finished_run_is_extended_by_asking_for_more_frames(folder, tmp_path):
     copy = shutil.copytree(folder, tmp_path / "run")
     finished = Run(tiny("ppo"), 0, copy)
     assert finished.done
@@ -193,9 +194,8 @@ def test_a_finished_run_is_extended_by_asking_for_more_frames(trained, tmp_path)
         Run(tiny("ppo"), 0, copy)  # fewer than it has
 
 
-def test_a_damaged_byte_of_weights_is_noticed_or_changes_nothing(trained, tmp_path):
+def test_a_damaged_byte_of_weights_is_noticed_or_changes_nothing(folder, tmp_path):
     """An archive's own bytes, the time that it was written, say, are no part of what it holds."""
-    _, folder = trained
     content, whole = (folder / POLICY).read_bytes(), load_weights(folder / POLICY)
     file, noticed = tmp_path / "damaged.npz", 0
     places = range(0, len(content), max(1, len(content) // 400))
@@ -225,8 +225,7 @@ def test_weights_that_hold_code_are_refused(tmp_path):
     assert not (tmp_path / "executed").exists()
 
 
-def test_a_record_depends_on_the_weights_and_a_digest_may_be_asked_for(trained, tmp_path):
-    _, folder = trained
+def test_a_record_depends_on_the_weights_and_a_digest_may_be_asked_for(folder, tmp_path):
     file = tmp_path / "mine.npz"
     file.write_bytes((folder / POLICY).read_bytes())
     spec = {"name": str(file), "digest": file_digest(file)}
@@ -294,10 +293,9 @@ def test_onnx_acts_as_numpy_from_raw_readings(head, rear, tmp_path):
         assert twist == pytest.approx(action * scale, abs=1e-6)
 
 
-def test_an_exported_policy_drives_as_its_weights_do(trained, tmp_path, capsys):
+def test_an_exported_policy_drives_as_its_weights_do(folder, tmp_path, capsys):
     pytest.importorskip("onnx", reason="pip install 'wheelchair_gym[learn]'")
     pytest.importorskip("onnxruntime", reason="pip install 'wheelchair_gym[learn]'")
-    _, folder = trained
     file = tmp_path / "policy.onnx"
     mine = {"name": str(folder / POLICY), "patience": 5.0}
     own = put(tmp_path / "own.json", {"mine": mine})

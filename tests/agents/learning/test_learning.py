@@ -318,11 +318,13 @@ def test_values_that_vary_are_taken_as_they_were_typed():
     assert varied(None) == ("", [""])
 
 
-def test_runs_beside_each_other_are_started_by_a_module_that_runs(tmp_path, monkeypatch):
+@pytest.mark.parametrize(("ended", "code"), [((2, 0), 2), ((-9, 0), 137)])
+def test_runs_beside_each_other_are_of_a_module_that_runs(tmp_path, monkeypatch, ended, code):
+    """One that fails, or is killed, is no success."""
     started = MagicMock()
-    started.return_value.wait.return_value = 2
+    started.return_value.wait.side_effect = ended
     monkeypatch.setattr("subprocess.Popen", started)
-    assert main(["train", "bc", "--seeds", "0,1", "--jobs", "2", "--out", str(tmp_path)]) == 2
+    assert main(["train", "bc", "--seeds", "0,1", "--jobs", "2", "--out", str(tmp_path)]) == code
     for call in started.call_args_list:
         assert find_spec(f"{call.args[0][2]}.__main__")
 

@@ -21,9 +21,9 @@ SETTINGS = {
 }
 
 
-def chairs(n):
+def chairs(n, **settings):
     mode = AutoresetMode.SAME_STEP
-    return SB3VecEnv(NavigationVectorEnv(n, autoreset_mode=mode, **SETTINGS))
+    return SB3VecEnv(NavigationVectorEnv(n, autoreset_mode=mode, **(settings or SETTINGS)))
 
 
 def test_ends_of_episodes_are_told_as_single_envs_tell_them():
@@ -72,11 +72,7 @@ def test_a_crash_at_the_last_step_allowed_is_no_truncation():
         steps += 1
         assert not truncated
     assert info["bumped"]
-    many = SB3VecEnv(
-        NavigationVectorEnv(
-            1, "empty", beams=8, max_episode_steps=steps, autoreset_mode=AutoresetMode.SAME_STEP
-        )
-    )
+    many = chairs(1, scene="empty", beams=8, max_episode_steps=steps)
     many.seed(5)
     many.reset()
     sums = Counter()

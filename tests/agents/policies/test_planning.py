@@ -81,7 +81,7 @@ def test_in_simulated_time_a_plan_takes_as_many_periods_as_it_is_told(planning_t
 def test_in_real_time_the_loop_goes_on_while_a_plan_is_made():
     planner = SlowPlanner()
     policy = make_policy({"name": "planned", "planner": {"name": "a_star"}, "deadline": 0.5})
-    policy._planner = planner
+    policy._made = planner
     world = PaperWorld(corridor(12.0, 3.2), (1.0, 0.0, 0.0), (11.0, 0.0, 0.0))
     policy.reset(dataclasses.replace(world.mission, real_time=True))
     assert sys.getswitchinterval() <= 1.01 * SWITCH
@@ -145,6 +145,14 @@ def test_a_plan_that_no_longer_fits_is_discarded_and_the_chair_stands_until_the_
     assert set(statuses[first:last]) == {"waits: for a plan"}
     assert np.hypot(*(world.pose - asked)[:2]) < 0.05  # the next is asked for at rest, and fits
     assert policy.planning.figures.discarded == 1
+
+
+def test_it_plans_for_the_outline_of_the_chair():
+    env = make_env("empty", {"config": {"chair": {"footprint": {"half_width": 0.33}}}})
+    env.reset(seed=0)
+    policy = make_policy("lattice+window")
+    policy.reset(env.unwrapped.mission)
+    assert policy._planner.footprint.half_width == 0.33
 
 
 def test_it_stands_before_an_obstacle_while_it_plans_round_it():

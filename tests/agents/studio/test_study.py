@@ -61,7 +61,7 @@ def opened(tmp_path_factory):
         pages.browsing() as browser,
         pages.looked_at(browser, f"{served.url}#study") as page,
     ):
-        pages.until(page, "window.studio?.ready && studio.title")
+        pages.until(page, "window.studio?.ready && studio.protocol")
         yield served, page
 
 
@@ -87,7 +87,7 @@ def enter(page, number):
     """Load the page anew, and enter a number."""
     page.evaluate("sessionStorage.clear()")
     page.reload()
-    pages.until(page, "window.studio?.ready && studio.title")
+    pages.until(page, "window.studio?.ready && studio.protocol")
     page.fill("#number", f"{number}")
     page.keyboard.press("Enter")
 
@@ -134,9 +134,7 @@ def test_a_participant_goes_from_consent_to_the_data_by_keys_alone(opened, capsy
             pages.until(page, "document.querySelector('#go[data-t=begin_drive]')")
             assert "You ended the drive before its goal." in page.inner_text(".banner.alarm")
             pages.axe(page)
-            drive(page)
-        else:
-            drive(page)
+        drive(page)
         for items in (6, 2):
             pages.until(page, f"document.querySelectorAll('.panel fieldset').length == {items}")
             pages.axe(page)
@@ -587,9 +585,8 @@ def test_answers_stay_in_the_page_until_they_are_stored(opened, cut):
         page.reload()
     else:
         page.evaluate("studio.link.socket.close()")
-    pages.until(
-        page, "document.querySelectorAll('.panel fieldset').length == 2"
-    )  # sent again by itself
+    # Sent again by itself.
+    pages.until(page, "document.querySelectorAll('.panel fieldset').length == 2")
     answers = of(served, number).done["help 0/nasa_tlx"]["answers"]
     assert list(answers.values()) == [0, 5, 10, 15, 20, 25]
     kinds = [one["kind"] for one in read_chain(session.folder / "steps.jsonl")[0]]

@@ -22,16 +22,9 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from wheelchair_gym.base import files
 from wheelchair_gym.base.arrays import Array, Mask
 from wheelchair_gym.base.errors import InputError, shorten
-from wheelchair_gym.base.files import (
-    LIMITS,
-    check_cells,
-    coordinate_lists,
-    coordinates,
-    is_coordinate,
-    read_json,
-)
 from wheelchair_gym.geometry.planar import polygon_edges, signed_area
 from wheelchair_gym.maps.grid import FREE, OCCUPIED, OccupancyGrid
 from wheelchair_gym.maps.io.map_server import read_picture
@@ -60,7 +53,7 @@ class House(NamedTuple):
         """The house as cells [m]: one that is not wholly inside the outline is occupied."""
         low, high = self.outline.min(axis=0) - MARGIN, self.outline.max(axis=0) + MARGIN
         columns, rows = np.ceil((high - low) / resolution).astype(int)
-        check_cells(rows, columns, self.name)
+        files.check_cells(rows, columns, self.name)
         inside, cut = cells_of_outline((self.outline - low) / resolution, (rows, columns))
         cells = np.where(inside & ~cut, FREE, OCCUPIED).astype(np.int8)
         return OccupancyGrid(cells, resolution, (float(low[0]), float(low[1]), 0.0))
@@ -94,10 +87,10 @@ def read_house(path: str | Path) -> House:
         InputError: the file cannot be read, a key is missing, or the outline is none.
     """
     path = Path(path)
-    data = read_json(path)
+    data = files.read_json(path)
     if not isinstance(data, Mapping) or "verts" not in data:
         raise InputError(f"{path}: verts is missing; expected a HouseExpo floor plan")
-    corners = np.array(coordinate_lists(data["verts"], 2, f"{path}: verts")).reshape(-1, 2)
+    corners = np.array(files.coordinate_lists(data["verts"], 2, f"{path}: verts")).reshape(-1, 2)
     outline = corners[np.any(corners != np.roll(corners, 1, axis=0), axis=1)]
     if len(outline) < 3:
         raise InputError(f"{path}: verts has {len(outline)} corners; expected at least 3")
@@ -108,7 +101,7 @@ def read_house(path: str | Path) -> House:
     if box is not None:
         if not isinstance(box, Mapping) or not {"min", "max"} <= set(box):
             raise InputError(f"{path}: bbox is {shorten(box)}; expected min and max")
-        given = np.array(coordinate_lists([box["min"], box["max"]], 2, f"{path}: bbox"))
+        given = np.array(files.coordinate_lists([box["min"], box["max"]], 2, f"{path}: bbox"))
         if np.abs(given - [low, high]).max() > SLACK:
             found = f"{low.tolist()} to {high.tolist()}"
             raise InputError(f"{path}: bbox is {given.tolist()}; expected that of verts, {found}")
@@ -153,8 +146,8 @@ def read_floor_plan_image(path: str | Path, resolution: float) -> OccupancyGrid:
     if not (cells == FREE).any():
         raise InputError(f"{path}: all of it is dark; expected white where the chair may drive")
     grid = OccupancyGrid(np.flipud(cells), resolution, (0.0, 0.0, 0.0))
-    if not all(map(is_coordinate, grid.bounds)):
-        maximum = LIMITS["coordinate"].maximum
+    if not all(map(files.is_coordinate, grid.bounds)):
+        maximum = files.LIMITS["coordinate"].maximum
         raise InputError(f"{path}: is larger than {maximum:,} m; expected a smaller resolution")
     return grid
 
@@ -177,12 +170,13 @@ def polygons_map(data: Mapping[str, Any], path: str | Path) -> tuple[OccupancyGr
     outlines = []
     for k, polygon in enumerate(polygons):
         where = f"{path}: polygons[{k}]"
-        corners = np.array(coordinate_lists(polygon, 2, where)).reshape(-1, 2)
+        corners = np.array(files.coordinate_lists(polygon, 2, where)).reshape(-1, 2)
         if len(corners) < 3 or signed_area(corners) == 0.0:
             raise InputError(f"{where} encloses nothing; expected at least 3 corners [x, y]")
         outlines.append(corners)
     if "bounds" in data:
-        low, high = np.array(coordinates(data["bounds"], (4,), f"{path}: bounds")).reshape(2, 2)
+        bounds = files.coordinates(data["bounds"], (4,), f"{path}: bounds")
+        low, high = np.array(bounds).reshape(2, 2)
     else:
         every = np.vstack(outlines)
         low, high = every.min(axis=0) - SPACE, every.max(axis=0) + SPACE
@@ -191,7 +185,7 @@ def polygons_map(data: Mapping[str, Any], path: str | Path) -> tuple[OccupancyGr
         raise InputError(f"{path}: bounds span {sides}; expected more than 0, up to {MAX_SIDE:g}")
     corner = low - WALL
     columns, rows = np.ceil((high - low + 2 * WALL) / CELL - 1e-9).astype(int)
-    check_cells(rows, columns, str(path))
+    files.check_cells(rows, columns, str(path))
     box = np.array([low, (high[0], low[1]), high, (low[0], high[1])])
     inside, cut = cells_of_outline((box - corner) / CELL, (rows, columns))
     solid = ~inside | cut

@@ -22,6 +22,7 @@ import math
 import re
 import warnings
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path, PureWindowsPath
 from typing import Any, Final, Literal, NamedTuple
 
@@ -221,6 +222,28 @@ def _image_file(path: Path, name: Any) -> Path:
         raise InputError(f"{path}: image is {shorten(name)}; there is no file {places}")
     _warn(f"{path}: image is {shorten(name)}, which is missing; {beside} is used")
     return beside
+
+
+def map_files(spec: Any) -> list[Path]:
+    """Return the files that nested settings name by `path`, and the images of map_server's."""
+    if isinstance(spec, list | tuple):
+        return [file for each in spec for file in map_files(each)]
+    if isinstance(spec, Mapping):
+        paths = spec.get("path")
+        named = paths if isinstance(paths, list | tuple) else [paths]
+        found = [file for path in named if path and isinstance(path, str) for file in _parts(path)]
+        return found + map_files([*spec.values()])
+    return []
+
+
+def _parts(name: str) -> list[Path]:
+    """Return a file, and the image that it names; what is wrong with them is said elsewhere."""
+    path = Path(name)
+    if path.suffix.lower() in (".yaml", ".yml"):
+        with suppress(InputError, KeyError, TypeError):
+            data = files.parse_yaml(files.read_text(path, "yaml", errors="replace"), path)
+            return [path, _image_file(path, data["image"])]
+    return [path]
 
 
 def read_map(path: str | Path) -> OccupancyGrid:

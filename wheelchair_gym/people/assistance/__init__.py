@@ -14,8 +14,6 @@ from wheelchair_gym.base.errors import shorten
 from wheelchair_gym.base.registry import Registry, in_module
 from wheelchair_gym.base.settings import InputError
 
-__all__ = ["COMPILED", "make_compiled"]
-
 # Settings class of every compiled assistant.
 _METHODS: Final = "wheelchair_gym.people.assistance.methods"
 _OWN: Final = in_module(_METHODS, "Direct SharedDwa Slide Teleop Vfh")
