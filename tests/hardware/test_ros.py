@@ -358,7 +358,7 @@ def test_a_static_transform_that_comes_late_stops_it_until_the_next_scan(bridge,
     late = {"transforms": [bridge._edge("base_link", "camera", (0.1, 0.0, 0.0))]}
 
     def driven():
-        chair.senses.receive("/tf_static", late, time.monotonic())
+        chair.senses.receive("/tf_static", late, chair.clock.now())
         return chair.drive(AHEAD)
 
     assert until(lambda: "/scan is silent" in driven().halted)
