@@ -52,7 +52,7 @@ def test_a_whole_chair_is_found_whole(hosted, checker):
 
 
 def lose_commands(link, answered=3):
-    """Let only the first commands of a link pass."""
+    """Drop the commands of a link after the first ones."""
     send, left = link.send, [None] * answered
     link.send = lambda message: (
         send(message) if not isinstance(message, Command) or (left and not left.pop()) else 999

@@ -109,11 +109,11 @@ static void control(uint32_t now)
     inputs.battery = (float)ADC * PER_ADC * drive.p.battery_full;
     ADCSRA |= _BV(ADSC);
     drive_step(&drive, &inputs, &outputs);
-    /* Before anything else: what is to be off. The brakes may close while the motors hold. */
-    PORTL &= (uint8_t)~((outputs.enable ? 0 : ENABLE) | (outputs.release ? 0 : RELEASE));
+    if (!outputs.enable)
+        PORTL &= (uint8_t)~(ENABLE | RELEASE); /* before anything else */
     drive_motor(0, outputs.duty[0]);
     drive_motor(1, outputs.duty[1]);
-    PORTL |= (uint8_t)((outputs.enable ? ENABLE : 0) | (outputs.release ? RELEASE : 0));
+    PORTL = (uint8_t)((PORTL & ~(ENABLE | RELEASE)) | outputs.enable * ENABLE | outputs.release * RELEASE);
     PINL = BEAT; /* toggles */
 }
 
