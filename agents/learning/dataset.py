@@ -27,6 +27,7 @@ from wheelchair_gym.base.settings import InputError, dump
 from wheelchair_gym.envs import EnvSettings
 from wheelchair_gym.envs.guidance import make_guidance
 from wheelchair_gym.envs.settings import read_env_settings
+from wheelchair_gym.envs.world_banks import prepare_world
 from wheelchair_gym.recording.replay import RecordedEpisode, read_recording, replay_env
 from wheelchair_gym.task.task import Task
 
@@ -268,7 +269,7 @@ def _recorded_episode(recorded: RecordedEpisode, settings: EnvSettings) -> tuple
         shield, has_driver=False,
     )  # fmt: skip
     seen_by.built_map = env.task.built_map
-    prepared = seen_by.prepare(recorded.episode)
+    prepared = prepare_world(seen_by, recorded.episode)
     observations = [seen_by.begin(prepared, env.task.reading, 0, shield is not None)]
     columns: dict[str, list[Any]] = {"stick": [], "asked": [], "given": [], "intervened": []}
     actions = []

@@ -145,13 +145,27 @@ def read_folder(folder: str | Path) -> tuple[Protocol, list[Progress]]:
     Raises:
         InputError: it is no folder of an experiment, or a file in it is damaged.
     """
-    folder = Path(folder)
-    protocol = stored.current_protocol(folder)
+    people, faults = read_people(Path(folder))
+    if faults:
+        raise faults[0]
+    return stored.current_protocol(Path(folder)), people
+
+
+def read_people(folder: Path) -> tuple[list[Progress], list[InputError]]:
+    """Read the records of all participants; also return why those of others cannot be read."""
+    try:
+        protocol = stored.current_protocol(folder)
+    except InputError as fault:
+        return [], [fault]
+    people, faults = [], []
     # A folder that cannot be read is an error; a pattern for what is in it would leave it out.
-    own = sorted(folder.glob(f"participant_{4 * '[0-9]'}"))
-    stores = [path / stored.STEPS for path in own if (path / stored.STEPS).exists()]
-    people = [progress_of(folder, protocol, int(path.parent.name[-4:])) for path in stores]
-    return protocol, [one for one in people if one.last]
+    for path in sorted(folder.glob(f"participant_{4 * '[0-9]'}")):
+        try:
+            if (path / stored.STEPS).exists():
+                people.append(progress_of(folder, protocol, int(path.name[-4:])))
+        except InputError as fault:
+            faults.append(fault)
+    return [one for one in people if one.last], faults
 
 
 class Session:

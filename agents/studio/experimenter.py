@@ -18,7 +18,7 @@ from starlette.routing import Route
 from agents.evaluation.tables import templates
 from agents.people.folder import claim
 from agents.people.protocol import Protocol
-from agents.people.session import Session, progress_of, read_folder
+from agents.people.session import Session, progress_of, read_people
 from agents.studio import PAGE
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.rendering.palette import style_sheet
@@ -70,10 +70,8 @@ class Desk:
 
     def page(self, error: str = "") -> str:
         """Return the page as HTML."""
-        try:
-            people = read_folder(self.folder)[1]
-        except InputError as damaged:
-            people, error = [], error or str(damaged)
+        people, faults = read_people(self.folder)
+        error = "; ".join(filter(None, [error, *map(str, faults)]))
         rows = [one.row() | {"open": one.participant in self.open} for one in people]
         said = [
             remark | {"participant": one.participant} for one in people for remark in one.remarks

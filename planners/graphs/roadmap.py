@@ -149,12 +149,13 @@ class Prm(PlannerBase):
         path, pairs = np.empty((0, 2)), np.empty((0, 2), dtype=np.int64)
         while drawn < self.iterations and not len(path):
             more = min(max(drawn, INITIAL_SAMPLES), self.iterations - drawn)
-            nodes = np.vstack([nodes, _free_samples(arrays, more, state)])
-            drawn += more
-            radius = RADIUS_FACTOR * minimum * math.sqrt(math.log(len(nodes)) / len(nodes))
-            pairs = cKDTree(nodes).query_pairs(radius, output_type="ndarray").astype(np.int64)
-            path, more, _ = shortest(arrays, nodes, pairs, end)
-            tested += more
+            grown = np.vstack([nodes, _free_samples(arrays, more, state)])
+            radius = RADIUS_FACTOR * minimum * math.sqrt(math.log(len(grown)) / len(grown))
+            pairs = cKDTree(grown).query_pairs(radius, output_type="ndarray").astype(np.int64)
+            # The first search ends, and one cut short does not count: a repetition is the same.
+            path, edges, is_over = shortest(arrays, grown, pairs, end if drawn else math.inf)
+            if is_over:
+                nodes, drawn, tested = grown, drawn + more, tested + edges
             if clock() >= end:
                 break
         counters = {"nodes": len(nodes), "iterations": drawn, "edges_tested": tested}

@@ -508,6 +508,18 @@ def test_worlds_with_and_without_movers_share_a_batch():
     assert not np.array_equal(seen[0], seen[1])
 
 
+def test_a_narrow_world_is_the_same_given_as_drawn():
+    narrow = {"scene": {"name": "doorway", "door_width": 0.65}, "split": "test"}
+    drawn, given = NavigationEnv(**narrow), NavigationEnv(**narrow)
+    drawn.reset(seed=0)
+    given.reset(options={"episode": drawn.episode})
+    assert given.task.time_limit == drawn.task.time_limit
+    rows = NavigationVectorEnv(1, **narrow)
+    rows.reset(seed=1)
+    rows.set_next([0], [drawn.episode])
+    assert rows._next[0].geodesic.at(drawn.episode.start[:2]) < np.inf
+
+
 def test_truth_reaches_info_and_never_the_observation():
     env = NavigationEnv(config={"task": {"time_base": 60.0}}, **CROWDED)
     observation, info = env.reset(seed=1)

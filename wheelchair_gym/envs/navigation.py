@@ -29,7 +29,7 @@ from wheelchair_gym.envs.settings import (
     make_assistants,
     make_localizer,
 )
-from wheelchair_gym.envs.world_banks import NO_LEVEL, WorldBank
+from wheelchair_gym.envs.world_banks import NO_LEVEL, WorldBank, prepare_world
 from wheelchair_gym.geometry.kinematics import numbers_of
 from wheelchair_gym.geometry.planar import to_world
 from wheelchair_gym.people.drivers import make_drivers
@@ -255,7 +255,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             self._prepared = self.worlds.episode(self._seed, self._count, level)
             self.worlds.drop_before(self._count)
         elif self._prepared is None or given is not self._prepared.episode:
-            self._prepared = self.task.prepare(given)
+            self._prepared = prepare_world(self.task, given)
         self.episode = self._prepared.episode
         told = self._seed, self._count, self.split
         self.episode_info = dict(zip(EPISODE_KEYS, (*told, level), strict=True))

@@ -40,7 +40,7 @@ from wheelchair_gym.envs.settings import (
     env_settings,
     make_assistants,
 )
-from wheelchair_gym.envs.world_banks import NO_LEVEL, WorldBank
+from wheelchair_gym.envs.world_banks import NO_LEVEL, WorldBank, prepare_world
 from wheelchair_gym.people.drivers import make_drivers
 from wheelchair_gym.people.drivers.step import Drivers
 from wheelchair_gym.perception.track_state import TRACKER
@@ -500,7 +500,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         seed, count = int(self._seeds[i]), int(self._counts[i])
         self._keys[i] = episode_key(seed, count, self.split)
         if isinstance(world, Episode):
-            level, prepared = NO_LEVEL, self.task.prepare(world)
+            level, prepared = NO_LEVEL, prepare_world(self.task, world)
         else:
             drawn = self.worlds.draw(seed, count, self._weights.get(i)) if world is None else world
             level = int(drawn)

@@ -31,6 +31,7 @@ from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.scenes.arena import check_passable, check_start
 from wheelchair_gym.task.prepared_episode import PreparedEpisode
 from wheelchair_gym.task.task import Task
+from wheelchair_gym.types import Episode
 
 NO_LEVEL = -1  # number of an episode's world that is of no bank
 _BANK = 0x62616E6B  # apart from the worlds of single seeds
@@ -197,13 +198,27 @@ class WorldBank:
         return np.random.default_rng(world_seed(self._split, *entropy))
 
     def _make(self, entropy: tuple[int, ...]) -> PreparedEpisode:
-        footprint = self._task.footprint
-        episode = self._scene.sample(self._rng(entropy), footprint)
-        check_start(episode, footprint)
-        prepared = self._task.prepare(episode)
-        if np.isfinite(prepared.geodesic.at(episode.start[:2])):
-            return prepared
-        return self._task.prepare(episode, check_passable(episode, footprint))
+        episode = self._scene.sample(self._rng(entropy), self._task.footprint)
+        check_start(episode, self._task.footprint)
+        return prepare_world(self._task, episode, must_pass=True)
+
+
+def prepare_world(task: Task, episode: Episode, *, must_pass: bool = False) -> PreparedEpisode:
+    """Prepare a world, for routes of the widest radius that passes where the task's does not.
+
+    Raises:
+        InputError: the chair does not pass from start to goal, and must.
+    """
+    prepared = task.prepare(episode)
+    if np.isfinite(prepared.geodesic.at(episode.start[:2])):
+        return prepared
+    try:
+        radius = check_passable(episode, task.footprint)
+    except InputError:
+        if must_pass:
+            raise
+        return prepared
+    return task.prepare(episode, radius)
 
 
 # Settings of the task that leave worlds as they are: what is observed there, and rewarded.

@@ -7,7 +7,7 @@ import dataclasses
 import json
 import re
 import threading
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from types import SimpleNamespace
 from urllib.parse import urlencode
 
@@ -408,6 +408,13 @@ def test_a_remark_at_the_moment_at_which_a_page_closes_is_stored(tmp_path):
     leaves.join()
     assert [remark["text"] for remark in read_folder(tmp_path)[1][0].remarks] == ["dizzy"]
     assert desk.open == {}
+    with closing(Session(tmp_path, protocol(1, 1), 2)) as other:
+        other.mark("note", text="begun")
+    steps = tmp_path / "participant_0002" / "steps.jsonl"
+    steps.write_bytes(steps.read_bytes().replace(b"begun", b"ended"))
+    seen = desk.page()  # the others' records stay in sight
+    assert "line 2 is damaged" in seen
+    assert "dizzy" in seen
 
 
 @contextmanager
