@@ -26,6 +26,7 @@ from wheelchair_gym.base.files import file_digest
 from wheelchair_gym.base.settings import InputError, dump, load, setting, settings
 from wheelchair_gym.envs.guidance import make_guidance
 from wheelchair_gym.envs.settings import EnvSettings
+from wheelchair_gym.envs.world_banks import prepare_world
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.people.assistance import make_compiled
 from wheelchair_gym.people.assistance.step import Assistants
@@ -243,7 +244,10 @@ class LearnedDriver(Trained):
         if mission.map is None:  # the path may lead beyond what is drawn
             grid = grid.extended_to(np.stack([pose[:2], goal[:2]]), MAP_MARGIN)
             self.task.built_map = lambda: grid
-        return self.task.prepare(Episode(grid, pose, goal, tolerance=mission.tolerance))
+        episode = Episode(grid, pose, goal, tolerance=mission.tolerance)
+        if mission.map is None:  # where no way is known yet, none of another radius is searched
+            return self.task.prepare(episode)
+        return prepare_world(self.task, episode)
 
     def act(self, reading: Reading) -> Command:
         """See `Policy.act`."""

@@ -17,7 +17,8 @@ from wheelchair_gym.geometry.planar import to_world, wrap_angle
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid
 from wheelchair_gym.maps import cost_to_go as costs
 from wheelchair_gym.scenes import make_scene
-from wheelchair_gym.scenes.arena import Doorway
+from wheelchair_gym.scenes.arena import Doorway, check_passable
+from wheelchair_gym.types import Episode
 
 POSED = {
     "scene": "clutter",
@@ -203,6 +204,7 @@ def test_a_map_told_less_than_well_is_the_same_each_time_and_guides_elsewhere(mo
     env = NavigationEnv("floor_plan", guidance="poses")
     env.reset(options={"episode": episode})
     worse = PoseGuidance(degraded_share=1.0)
+    assert NavigationEnv(guidance={"call": worse}).task.has_poses
     first, again = worse(env.task), worse(env.task)
     assert np.array_equal(first.packed_states, again.packed_states)
     assert first.origin == again.origin != episode.map.origin
@@ -237,6 +239,20 @@ def test_the_bottleneck_is_half_the_narrowest_gap(wide):
     assert half - 0.026 <= found <= half + 1e-6
     cells[:, 50:52] = maps.OCCUPIED
     assert maps.bottleneck(maps.OccupancyGrid(cells, 0.05), (1.0, 1.5), (4.0, 1.5)) == -math.inf
+
+
+@pytest.mark.parametrize("angle", [0.3, 0.5, 0.8, 1.1, 1.3])
+def test_a_slanted_door_has_a_route_of_the_radius_that_passes(angle):
+    """Cells that touch at a corner only may join the widest disc's way, and never a route."""
+    x, y = np.meshgrid(0.05 * np.arange(100) - 2.5, 0.05 * np.arange(100) - 2.5)
+    along, across = to_world(np.stack([x, y], axis=-1), (0.0, 0.0, -angle)).transpose(2, 0, 1)
+    walled = (np.abs(across) < 0.05) & (np.abs(along) > 0.34)
+    grid = OccupancyGrid(np.where(walled, OCCUPIED, maps.FREE), 0.05)
+    ends = to_world(np.array([(0.0, -1.5), (0.0, 1.5)]), (2.5, 2.5, angle))
+    start, goal = np.column_stack([ends, [angle, angle]])
+    radius = check_passable(Episode(grid, start, goal), OUTLINE)
+    assert OUTLINE.half_width - 0.05 < radius <= maps.bottleneck(grid, start[:2], goal[:2])
+    assert maps.geodesic(grid, goal[:2], radius).at(start[:2]) < 4.0
 
 
 @pytest.mark.parametrize("gap", long_but((0.56, 0.66, 0.70, 0.76, 0.82, 1.2), (0.56, 0.70, 0.82)))

@@ -114,7 +114,9 @@ def make_guidance(spec: Any) -> Guidance | None:
             signature(call).bind(None, **options)
         except TypeError as error:
             raise InputError(f"guidance {named}: {error}") from None
-        return partial(call, **options)
+        made: Any = partial(call, **options)
+        made.poses = getattr(call, "poses", False)
+        return cast("Guidance", made)
     found = spec
     if isinstance(spec, str):
         found = imported(spec) if is_place(spec) else BUILT_IN.get(spec)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,7 @@ from wheelchair_gym.base.registry import places_in, source_of
 from wheelchair_gym.base.settings import InputError, dump
 from wheelchair_gym.compiled.random import WORLDS, Split, bits, episode_key, uniform, world_seed
 from wheelchair_gym.envs.settings import EnvSettings
-from wheelchair_gym.maps import map_files
+from wheelchair_gym.maps import geodesic, map_files
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.scenes.arena import check_passable, check_start
 from wheelchair_gym.task.prepared_episode import PreparedEpisode
@@ -209,15 +209,13 @@ def prepare_world(task: Task, episode: Episode, *, must_pass: bool = False) -> P
     Raises:
         InputError: the chair does not pass from start to goal, and must.
     """
-    prepared = task.prepare(episode)
-    if np.isfinite(prepared.geodesic.at(episode.start[:2])):
-        return prepared
-    try:
-        radius = check_passable(episode, task.footprint)
-    except InputError:
-        if must_pass:
-            raise
-        return prepared
+    radius = task.route_radius
+    if not np.isfinite(geodesic(episode.map, episode.goal[:2], radius).at(episode.start[:2])):
+        try:
+            radius = check_passable(episode, task.footprint)
+        except InputError:
+            if must_pass:
+                raise
     return task.prepare(episode, radius)
 
 
@@ -241,6 +239,10 @@ def _identity(settings: EnvSettings, split: Split) -> str:
         "limits": dump(settings.chair.limits),
     }
     try:
+        for of in (settings.scene, settings.guidance):
+            name = of.get("name", of.get("call")) if isinstance(of, Mapping) else of
+            if not isinstance(name, str | None):  # settings, which do not tell their class
+                raise TypeError
         named["files"] = [file_digest(file, "image") for file in map_files(named)]
         code = sorted({source_of(place) or "" for place in places_in(named)} - {""})
         named["code"] = list(map(file_digest, code))

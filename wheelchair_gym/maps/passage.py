@@ -21,7 +21,9 @@ _RIM = 4  # cells: poses beside each other move no corner as far
 _SHIFT = 4  # bits of a cell that drawing knows
 
 
-def bottleneck(grid: OccupancyGrid, start: ArrayLike, goal: ArrayLike) -> float:
+def bottleneck(
+    grid: OccupancyGrid, start: ArrayLike, goal: ArrayLike, *, corners: bool = True
+) -> float:
     """The greatest radius [m] of a disc that gets from start to goal, measured at cell centres.
 
     It is the largest minimum of the distance to what is solid, over all ways; -inf where there is
@@ -31,6 +33,8 @@ def bottleneck(grid: OccupancyGrid, start: ArrayLike, goal: ArrayLike) -> float:
         grid: the map; unknown cells are not entered.
         start: (2,) [m].
         goal: (2,) [m].
+        corners: a way may lead between cells that touch at a corner only; those of `geodesic` never
+            do.
     """
     if not (grid.inside(start) and grid.inside(goal)):
         return -np.inf
@@ -40,7 +44,7 @@ def bottleneck(grid: OccupancyGrid, start: ArrayLike, goal: ArrayLike) -> float:
 
     def is_stuck(radius: float) -> bool:
         wide = (gap >= radius).astype(np.uint8)
-        _, region = cv2.connectedComponents(wide, connectivity=8)
+        _, region = cv2.connectedComponents(wide, connectivity=8 if corners else 4)
         return bool(not region[r0, c0] or region[r0, c0] != region[r1, c1])
 
     passing = bisect_left(levels, True, key=is_stuck)  # how many of the radii pass

@@ -70,18 +70,21 @@ def check_start(episode: Episode, footprint: Footprint) -> None:
 
 
 def check_passable(episode: Episode, footprint: Footprint) -> float:
-    """The greatest radius [m] of a disc that gets from an episode's start to its goal on the map.
+    """Return the largest radius [m] of which `geodesic` has a route from an episode's start.
 
     Raises:
-        InputError: it is less than half the footprint's width, by more than half a cell.
+        InputError: the widest disc that gets to the goal is narrower than the footprint by more
+            than a cell.
     """
-    radius = bottleneck(episode.map, episode.start[:2], episode.goal[:2])
+    ends = episode.map, episode.start[:2], episode.goal[:2]
+    radius = bottleneck(*ends)
     if radius + 0.5 * episode.map.resolution < footprint.half_width:
         raise InputError(
             f"scene {episode.name}: {footprint} does not pass from start to goal; the widest way "
             f"is {max(0.0, 2.0 * radius):.2f} m wide at its narrowest spot"
         )
-    return radius
+    routed = bottleneck(*ends, corners=False)
+    return routed if routed > 0.0 else radius
 
 
 WALL: Final = 0.10  # m: thickness of the wall round an arena

@@ -160,18 +160,22 @@ class Task:
         """The map that the chair knows; unknown cells of a given map are occupied."""
         return self._told if self.built_map is None else self.built_map()
 
+    @property
+    def route_radius(self) -> float:
+        """Distance [m] that routes keep from what is solid: half the width and a margin."""
+        return self.footprint.half_width + self.settings.margin
+
     def prepare(self, episode: Episode, radius: float | None = None) -> PreparedEpisode:
         """Prepare an episode to be driven: compute the distances to its goal, and the guidance.
 
         Args:
             episode: to be driven.
-            radius: that routes keep from what is solid [m]; none: half the width and a margin.
+            radius: that routes keep from what is solid [m]; none: `route_radius`.
 
         Raises:
             ValueError: the guidance gave no path.
         """
-        if radius is None:
-            radius = self.footprint.half_width + self.settings.margin
+        radius = self.route_radius if radius is None else radius
         distances = geodesic(episode.map, episode.goal[:2], radius)
         path = None
         if self.guidance is not None:
