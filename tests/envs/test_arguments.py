@@ -15,6 +15,7 @@ from wheelchair_gym.base.settings import InputError, dump, load, read_json
 from wheelchair_gym.envs import EnvSettings, NavigationEnv, NavigationVectorEnv
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.hardware.control_loop import WallClock
+from wheelchair_gym.recording.replay import ReplayedChair
 from wheelchair_gym.scenes.map_file import MapFile, example_map
 
 ID = "wheelchair_gym/Navigation-v1"
@@ -51,6 +52,9 @@ def test_an_unknown_option_of_reset_is_refused_and_nothing_has_begun(make, known
         env.reset(options={wrong: None})
     with pytest.raises(InputError, match=known):
         env.reset(options={known: "all of it"})
+    for other in (5, [known], {known: np.zeros((9, 9))}):
+        with pytest.raises(InputError, match=r"^options\b.*expected .*$"):  # one line
+            env.reset(options=other)
     assert all((env.reset(seed=1, options={})[0][key] == begun[key]).all() for key in begun)
     env.close()
 
@@ -115,6 +119,22 @@ def test_the_real_chair_is_made_with_the_shipped_settings_and_stands_where_it_is
     env = gym.make("wheelchair_gym/Hardware-v1", config=mine).unwrapped
     assert env.settings == env_settings(EnvSettings(), pose_source="odometry", shield=True)
     env.close()
+
+
+def test_what_is_refused_leaves_no_chair_connected(monkeypatch):
+    closed = []
+    chair = ReplayedChair([])
+    chair.close = lambda: closed.append(chair)
+    monkeypatch.setattr("wheelchair_gym.hardware.registry.make_chair", lambda *_: chair)
+    wrong = ({"split": "tset"}, {"driver": "expert"}, {"reward": max}, {"guidance": "none"},
+             {"scene": "nowhere"}, {"beams": 2000}, {"pose_source": "mcl", "split": 3})  # fmt: skip
+    for count, argument in enumerate(wrong):
+        with pytest.raises(InputError):
+            NavigationEnv(**{"chair": "ros://chair:9090"} | argument)
+        assert len(closed) == count + 1
+    with pytest.raises(InputError):
+        NavigationEnv(chair=chair, split="tset")  # whose owner may use it again
+    assert len(closed) == len(wrong)
 
 
 def test_a_shield_that_is_on_keeps_the_settings_of_the_config():

@@ -8,7 +8,7 @@ import struct
 import threading
 from functools import partial
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, get_args
 
 import gymnasium as gym
 import numpy as np
@@ -19,8 +19,10 @@ from websockets.sync.client import connect
 
 from agents.cli import main
 from tests.conftest import PATIENCE, refusal
+from wheelchair_gym.base.errors import InputError
 from wheelchair_gym.perception.monte_carlo import LocalizationSettings
 from wheelchair_gym.recording.record import REFRESH_PERIOD, RecordEpisodes
+from wheelchair_gym.recording.sink import Format, Sink
 
 STEPS = 40
 RATE = 10.0  # Hz, of control
@@ -102,11 +104,19 @@ def decoded(channel, data):
     return DecoderFactory().decoder_for(channel["encoding"], schema)(data)
 
 
-def test_a_port_that_is_taken_or_none_is_one_line(capsys):
+def test_a_port_that_is_taken_or_none_is_one_line_and_no_file_is_begun(capsys, tmp_path):
     env = RecordEpisodes(gym.make("wheelchair_gym/Navigation-v1", split="test"), port=0)
     for port in (env.port, 70_000):
         assert f"port {port}" in refusal(["simulate", "--scene", "empty", "--live", port], capsys)
+    for kind in get_args(Format):
+        with pytest.raises(InputError, match=f"port {env.port}"):
+            Sink(tmp_path / "run.mcap", env.port, kind)
+    assert not list(tmp_path.iterdir())
+    port = env.port
     env.close()
+    with pytest.raises(InputError, match="cannot be written"):
+        Sink(tmp_path, port)
+    Sink(port=port).close()  # the server of the one that was refused is gone
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import resource
+from operator import itemgetter
 from pathlib import Path
 from typing import get_args, get_type_hints
 
@@ -23,6 +24,7 @@ from wheelchair_gym import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.geometry.planar import compose
 from wheelchair_gym.maps import OccupancyGrid
+from wheelchair_gym.recording.read_bags import mcap_messages
 from wheelchair_gym.recording.record import RecordEpisodes, RecordingSettings
 from wheelchair_gym.recording.replay import read_recording, replay_env, sensor_log
 from wheelchair_gym.recording.sink import McapFile
@@ -435,6 +437,30 @@ def test_a_run_that_is_killed_is_readable_up_to_its_last_second(tmp_path):
     assert 60 - 25 < len(chapter.verdicts) < 60
     assert [v["reward"] for v in chapter.verdicts] == rewards[: len(chapter.verdicts)]
     assert len(read_recording(file)[0].verdicts) == 60
+
+
+def test_what_was_driven_is_recorded_whatever_wrappers_change(tmp_path):
+    """With actions and rewards of any finite size; /command tells the assistant's twist, too."""
+    inner = NavigationEnv(
+        "clutter", driver="expert", assistant="shared_dwa",
+        reward=lambda verdict, sensed, action: 1e12 + action[1],
+    )  # fmt: skip
+    scaled = gym.wrappers.RescaleAction(inner, np.float32(-2.0), np.float32(2.0))
+    negated = gym.wrappers.TransformReward(scaled, lambda reward: -reward)
+    env = RecordEpisodes(negated, tmp_path / "run.mcap")
+    env.reset(seed=0)
+    rewards, twists, given = [], [], [*[0.0] * 25, 0.5, -1.0, 1e9]
+    for turn in given:
+        rewards.append(-env.step(np.array([0.0, 2.0 * turn]))[1])
+        twists.append(inner.task.limits.twist_of(*inner.task.action))
+    env.close()
+    (chapter,) = read_recording(tmp_path / "run.mcap")
+    assert [action.tolist() for action in chapter.actions] == [[0.0, turn] for turn in given]
+    assert [verdict["reward"] for verdict in chapter.verdicts] == rewards
+    assert rewards == [1e12 + turn for turn in given]
+    told = mcap_messages(tmp_path / "run.mcap", lambda topic, _: topic == "/command")
+    assert [itemgetter("v", "w")(json.loads(one.data)) for one in told] == twists
+    assert max(v for v, _ in twists) > 0.05  # of the assistant
 
 
 def test_a_place_that_cannot_be_written_is_one_line(tmp_path):

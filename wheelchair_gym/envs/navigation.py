@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.errors import shorten
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.compiled.random import SEEDS, Split, episode_key
 from wheelchair_gym.envs.drawing import EpisodeRenderer
@@ -160,9 +161,22 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise InputError(f"render_mode is {render_mode!r}; expected human, rgb_array or None")
         also = "split", "chair", "person", "render_mode"
-        self.settings = s = env_settings(config, also=also, scene=scene, **settings)
+        self.settings = env_settings(config, also=also, scene=scene, **settings)
         self._take_chair(chair, settings.get("shield") is not False)
+        try:
+            self._assemble(split, person)
+        except BaseException:
+            if not isinstance(chair, Chair):  # made here: nobody else can disconnect it
+                self.chair.close()
+            raise
+        self.render_mode = render_mode
+
+    def _assemble(self, split: Split, person: Callable[[], Stick] | None) -> None:
+        """Make all parts around the chair; for the arguments, see `__init__`."""
         s = self.settings
+        self._reward = make_reward(s.reward)
+        if self._reward is not None and not self._simulated:
+            raise InputError("reward: a function of one's own needs the simulated chair")
         people = make_drivers(s.driver)
         if people and not self._simulated:
             raise InputError("driver: a simulated person needs the simulated chair")
@@ -186,7 +200,6 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         self.worlds = WorldBank(s, self.task, self.split)
         self.observation_space = cast("gym.Space[Observation]", self.task.space)
         self.action_space = gym.spaces.Box(-1.0, 1.0, (2,), np.float32)
-        self.render_mode = render_mode
         self.metadata = {**self.metadata, "render_fps": s.rate}
         self.episode: Episode | None = None
         self._prepared: PreparedEpisode | None = None
@@ -195,6 +208,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         self._count = 0  # episodes of the present seed
         self.episode_info: dict[str, Any] = {}  # which episode is driven, by key of `info`
         self._running = False
+        self.last_action, self.last_reward = (0.0, 0.0), 0.0  # of `step`; wrappers may change both
         parts = Parts(
             self.chair, self.task, self.drivers, self.assistants, self.shield, s.unshielded
         )
@@ -222,9 +236,6 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             raise InputError(f"chair is {type(chair).__name__}; expected a wheelchair_gym Chair")
         self.chair = chair or SimulatedChair(s.chair, s.sensors, s.physics, 1.0 / s.rate)
         self._simulated = isinstance(self.chair, SimulatedChair)
-        self._reward = make_reward(s.reward)
-        if self._reward is not None and not self._simulated:
-            raise InputError("reward: a function of one's own needs the simulated chair")
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -242,7 +253,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         """
         (given,) = check_options(options, "episode")
         if given is not None and not isinstance(given, Episode):
-            raise InputError(f"options: episode is {given!r}; expected an Episode")
+            raise InputError(f"options: episode is {shorten(given)}; expected an Episode")
         super().reset(seed=None if seed is None else check_seed(seed))
         if seed is not None or self._seed is None:
             self._seed, self._count = self.np_random_seed, 0
@@ -298,6 +309,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             simulated: Any = unwrapped(self.chair)
             records = as_record(self.task.judged["terms"]), as_record(simulated.sensed)
             reward = checked(self._reward(*records, np.array(given)))
+        self.last_action, self.last_reward = given, reward
         return observation, reward, terminated, truncated, info
 
     def _label_interface(self) -> None:
@@ -362,10 +374,8 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
 
         if self.episode is None:
             return None
-        view, out = EpisodeRenderer(self.settings), io.BytesIO()
-        truth = self.chair.truth
-        view.follow(truth.pose)
-        picture = view.picture(self.episode, truth, self.task, self.shown, None)
+        out = io.BytesIO()
+        picture = self._drawing.picture(self.episode, self.chair.truth, self.task, self.shown, None)
         Image.fromarray(picture).save(out, "png")
         return out.getvalue()
 

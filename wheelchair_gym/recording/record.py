@@ -114,13 +114,13 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         if env.labels != self._labels:
             self._labels = news["labels"] = dict(env.labels)
         observation, reward, terminated, truncated, info = self.env.step(action)
-        v, w = self._env.task.limits.twist(action).tolist()
-        self._out.write(topics.COMMAND, {"action": action, "v": v, "w": w, **news})
+        v, w = env.task.limits.twist_of(*env.task.action)  # with the assistant's part
+        self._out.write(topics.COMMAND, {"action": env.last_action, "v": v, "w": w, **news})
         if "shield" in info:
             self._out.write(topics.SHIELD, info["shield"])
         self._log_reading()
-        ends = {"terminated": terminated, "truncated": truncated}
-        self._out.write(topics.VERDICT, {"reward": reward, "terms": info["reward_terms"], **ends})
+        ends = {"reward": env.last_reward, "terminated": terminated, "truncated": truncated}
+        self._out.write(topics.VERDICT, {"terms": info["reward_terms"], **ends})
         self._out.check_disk(self._config.when_full)
         return observation, float(reward), terminated, truncated, info
 

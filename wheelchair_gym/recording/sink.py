@@ -148,35 +148,42 @@ class Sink:
         self, file: str | Path | None = None, port: int | None = None, format: Format = "foxglove"
     ) -> None:
         self.now, self._reported = 0, False
-        self._bag = RosBag(file) if file is not None and format == "ros2" else None
-        self._output: McapFile | RosBag | None = self._bag
+        self._bag: RosBag | None = None
+        self._output: McapFile | RosBag | None = None
         self._context: Any = None
         self._mcap_writer: Any = None
         self._server: Any = None
         self._typed: dict[str, Any] = {}
         self._channels: dict[str, Any] = {}
-        if self._bag is None or port is not None:
-            self._open(None if self._bag else file, port)
+        in_bag = file is not None and format == "ros2"
+        try:
+            if not in_bag or port is not None:
+                self._open(None if in_bag else file, port)
+            if file is not None and in_bag:
+                self._output = self._bag = RosBag(file)
+        except BaseException:
+            self.close()
+            raise
         self.path = None if self._output is None else self._output.path
         self.port: int | None = self._server.port if self._server else None
 
     def _open(self, file: str | Path | None, port: int | None) -> None:
-        """Open the channels of Foxglove's messages, a file for them, and a server."""
+        """Open the channels of Foxglove's messages, a server, and a file for them."""
         with imports("recording needs", "record"):
             import foxglove
             from foxglove.mcap import MCAPWriteOptions
 
             from wheelchair_gym.recording import messages
         self._context = context = foxglove.Context()  # kept: channels end with it
-        if file is not None:
-            self._output = output = McapFile(file)
-            options = MCAPWriteOptions(chunk_size=_CHUNK, disable_seeking=True)
-            self._mcap_writer = foxglove.open_mcap(output, context=context, writer_options=options)
         if port is not None:
             try:
                 self._server = foxglove.start_server(name=_NAME, port=port, context=context)
             except (OSError, OverflowError, RuntimeError) as error:
                 raise InputError(f"port {port}: viewers cannot connect there ({error})") from None
+        if file is not None:
+            self._output = output = McapFile(file)
+            options = MCAPWriteOptions(chunk_size=_CHUNK, disable_seeking=True)
+            self._mcap_writer = foxglove.open_mcap(output, context=context, writer_options=options)
         self._typed = {
             topic: (channel(topic, context=context), make)
             for topic, (channel, make) in messages.TYPED.items()

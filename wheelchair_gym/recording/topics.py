@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import base64
 import math
+import sys
 from collections.abc import Callable, Mapping
 from typing import Any, Final, NamedTuple
 
@@ -64,11 +65,18 @@ def _number(value: Any) -> float:
     return float(value)
 
 
+def _finite(value: Any) -> float:
+    """A number of any size."""
+    if type(value) not in (int, float) or not math.isfinite(value):
+        raise ValueError(f"is {shorten(value)}")
+    return float(value)
+
+
 _list, _text, _object = _exactly(list), _exactly(str), _exactly(dict)
 
 
-def numbers(*shape: int) -> Kind:
-    """An array (*shape) of coordinates as lists; -1 is any length."""
+def numbers(*shape: int, maximum: float = LIMITS["coordinate"].maximum) -> Kind:
+    """An array (*shape) of numbers as lists, by default of coordinates; -1 is any length."""
 
     def read(value: Any) -> NDArray[np.float64]:
         values = np.array(_list(value), dtype=np.float64)
@@ -77,7 +85,7 @@ def numbers(*shape: int) -> Kind:
         fits = values.ndim == len(shape) and all(
             wanted in (-1, side) for side, wanted in zip(values.shape, shape, strict=True)
         )
-        if not fits or not (np.abs(values) <= LIMITS["coordinate"].maximum).all():
+        if not fits or not (np.abs(values) <= maximum).all():
             raise ValueError(f"is {shorten(value)}")
         return values
 
@@ -230,7 +238,7 @@ FIELDS: Final[dict[str, dict[str, Kind]]] = {
     },
     READING: reading_fields(),
     COMMAND: {
-        "action": numbers(2),
+        "action": numbers(2, maximum=sys.float_info.max),  # what is beyond [-1, 1] is clipped
         "v": NUMBER,
         "w": NUMBER,
         "stick": _STICK,  # that it answers, where it came after the reading
@@ -238,10 +246,10 @@ FIELDS: Final[dict[str, dict[str, Kind]]] = {
     },
     SHIELD: {"reason": TEXT, "asked": numbers(2), "given": numbers(2), "protective": FLAG},
     VERDICT: {
-        "reward": NUMBER,
+        "reward": Kind(NUMBER.schema, _finite),
         "terms": Kind(
             {"type": "object", "additionalProperties": NUMBER.schema},
-            lambda value: {name: _number(term) for name, term in _object(value).items()},
+            lambda value: {name: _finite(term) for name, term in _object(value).items()},
         ),
         "terminated": FLAG,
         "truncated": FLAG,
