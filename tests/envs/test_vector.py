@@ -15,6 +15,7 @@ from tests.copies import differences
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv, world_banks
 from wheelchair_gym.envs.batch import step_chairs
+from wheelchair_gym.envs.guidance import PoseGuidance
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.sim.randomization import RANDOMIZED
 
@@ -334,6 +335,9 @@ def test_a_bank_kept_in_a_folder_is_the_same_and_is_not_made_again(tmp_path, mon
     assert len({path.parent for path in tmp_path.rglob("*.joblib")}) == 2
     with pytest.raises(wheelchair_gym.InputError, match=r"bank.cache needs a scene and a guidance"):
         NavigationEnv(**{**settings, "guidance": lambda task: np.zeros((2, 2))})
+    for named in ({"scene": make_scene("clutter")}, {"guidance": PoseGuidance()}):
+        with pytest.raises(InputError, match=r"that are given by name"):  # not told by settings
+            NavigationEnv(**{**settings, **named}).worlds.missing()
 
 
 @pytest.mark.parametrize(
@@ -358,7 +362,8 @@ def test_wrong_actions_and_seeds_are_refused():
         with pytest.raises(wheelchair_gym.InputError, match=r"seed"):
             env.reset(seed=seed)
     env.reset(seed=[4, 2])
-    for wrong in (np.zeros(2), np.zeros((3, 2)), np.full((2, 2), np.nan)):
+    words, ragged, complex_ = np.full((2, 2), "0.5"), [[0.0, 1.0], [0.0]], np.full((2, 2), 1j)
+    for wrong in (np.zeros(2), np.zeros((3, 2)), np.full((2, 2), np.nan), words, ragged, complex_):
         with pytest.raises(wheelchair_gym.InputError, match=r"expected finite \(2, 2\)"):
             env.step(wrong)
 
@@ -475,8 +480,21 @@ def test_worlds_and_starts_are_chosen_by_row():
     env.set_next([2], [1])  # with a start of its own
     prepared = env._next[2]
     assert 1.0 <= prepared.cost_to_go.time_to_goal(prepared.episode.start) <= 2.0
+    env.set_next([0, 1], [3, None])
+    _, info = env.reset(seed=8)  # keeps what was chosen, once
+    assert info["level"].tolist() == [3, env.worlds.draw(9, 0), 1]
+    _, info = env.reset(seed=8)
+    assert info["level"].tolist() == [env.worlds.draw(8 + i, 0) for i in range(3)]
     for call, why in (
         (lambda: env.set_next([3], [0]), "expected 0 to 2"),
+        *(
+            (lambda rows=rows: env.set_next(rows), "rows .*expected 0 to 2, integers, each once")
+            for rows in ([True, False, True], np.ones(3, bool), [0, 2.9], [1, 1], [2**63], "01")
+        ),
+        (lambda: env.set_next(1), "expected a list of each"),
+        (lambda: env.set_next([0], [True]), "world True: expected a bank"),
+        (lambda: env.set_next([0], [2**63]), "expected a bank, and a number from 0"),
+        (lambda: env.reset(options={"episodes": 5}), "expected a list of each"),
         (lambda: env.set_next([0], [0, 1]), "2 worlds were given for 1 rows"),
         (lambda: env.set_next([0], [-1]), "expected a bank, and a number from 0"),
         (lambda: env.set_next([0], starts_within=-1.0), "expected at least 0"),
@@ -514,6 +532,9 @@ def test_a_narrow_world_is_the_same_given_as_drawn():
     drawn.reset(seed=0)
     given.reset(options={"episode": drawn.episode})
     assert given.task.time_limit == drawn.task.time_limit
+    guidance = Mock(side_effect=lambda task: np.stack([task.start, task.goal]), poses=False)
+    NavigationEnv(**narrow, guidance=guidance).reset(seed=0)
+    guidance.assert_called_once()  # with the radius that passes
     rows = NavigationVectorEnv(1, **narrow)
     rows.reset(seed=1)
     rows.set_next([0], [drawn.episode])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import reprlib
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -52,5 +53,5 @@ _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 80
 
 
 def shorten(value: object) -> str:
-    """A value as an error message shows it: like `repr`, but never longer than about a line."""
-    return _SHORT.repr(value)
+    """A value as an error message shows it: like `repr`, but in one line, and not a long one."""
+    return re.sub(r"\s*\n\s*", " ", _SHORT.repr(value))

@@ -114,7 +114,7 @@ class EnvSettings:
                 )
         if self.sensors.pose_source == "slam" and self.guidance is not None:
             raise InputError(
-                f"guidance is {self.guidance!r}; expected none with the pose source slam: "
+                f"guidance is {shorten(self.guidance)}; expected none with the pose source slam: "
                 "there is no map to plan on"
             )
 
@@ -196,7 +196,8 @@ def env_settings(
     elif isinstance(config, str | PathLike):
         base = read_env_settings(read_json(config), Path(config).name)
     else:
-        raise InputError(f"config is {config!r}; expected a file, its content or EnvSettings")
+        expected = "expected a file, its content or EnvSettings"
+        raise InputError(f"config is {shorten(config)}; {expected}")
     if model is not None:
         base = load(EnvSettings, _chair(model, "env"), "env", base)
     unknown = [name for name in changes if name not in (*_ARGUMENTS, *_PLACES)]
@@ -248,16 +249,22 @@ def _warn_of_mounts(config: EnvSettings) -> None:
             warnings.warn(text, stacklevel=3)
 
 
+def is_integer(value: Any, low: int = 0) -> bool:
+    """Return True for an integer from `low` to 2**63 - 1; a truth value is none."""
+    if not isinstance(value, Integral) or isinstance(value, bool):
+        return False
+    return low <= int(value) < SEEDS
+
+
 def check_seed(seed: Any, name: str = "seed") -> int:
     """Return a seed as a plain integer.
 
     Raises:
         InputError: it is no integer, or out of bounds.
     """
-    found = int(seed) if isinstance(seed, Integral) and not isinstance(seed, bool) else -1
-    if not 0 <= found < SEEDS:
+    if not is_integer(seed):
         raise InputError(f"{name} is {shorten(seed)}; expected an integer from 0 to 2**63 - 1")
-    return found
+    return int(seed)
 
 
 def check_split(split: Any) -> Split:
@@ -275,8 +282,10 @@ def check_options(options: Mapping[str, Any] | None, *known: str) -> list[Any]:
     """The options that a `reset` knows; None for each that is not given.
 
     Raises:
-        InputError: another option is given.
+        InputError: another option is given, or no mapping.
     """
+    if not isinstance(options, Mapping | None):
+        raise InputError(f"options is {shorten(options)}; expected a mapping or None")
     for name in options or {}:
         if name not in known:
             names = ", ".join(known)
@@ -308,7 +317,8 @@ def _shield(spec: Any, configured: ShieldSettings | None) -> ShieldSettings | No
         return load(ShieldSettings, spec, "shield")
     if isinstance(spec, ShieldSettings):
         return spec
-    raise InputError(f"shield is {spec!r}; expected true, false or an object of its settings")
+    expected = "expected true, false or an object of its settings"
+    raise InputError(f"shield is {shorten(spec)}; {expected}")
 
 
 def make_localizer(config: EnvSettings) -> Localizer:

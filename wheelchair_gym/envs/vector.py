@@ -38,6 +38,7 @@ from wheelchair_gym.envs.settings import (
     check_seed,
     check_split,
     env_settings,
+    is_integer,
     make_assistants,
 )
 from wheelchair_gym.envs.world_banks import NO_LEVEL, WorldBank, prepare_world
@@ -97,12 +98,13 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         render_mode: str | None = None,
         **settings: Any,
     ) -> None:
-        if num_envs < 1:
-            raise InputError(f"num_envs is {num_envs}; expected at least 1")
+        if not is_integer(num_envs, 1):
+            raise InputError(f"num_envs is {shorten(num_envs)}; expected at least 1, an integer")
         if render_mode not in (None, "rgb_array"):
             raise InputError(f"render_mode is {render_mode!r}; expected rgb_array or None")
-        if num_threads is not None and num_threads < 1:
-            raise InputError(f"num_threads is {num_threads}; expected at least 1, or None")
+        if num_threads is not None and not is_integer(num_threads, 1):
+            expected = "expected at least 1, an integer, or None"
+            raise InputError(f"num_threads is {shorten(num_threads)}; {expected}")
         modes = {m.value: m for m in AutoresetMode}
         mode = modes.get(str(getattr(autoreset_mode, "value", autoreset_mode)))
         if mode is None:
@@ -146,6 +148,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         self._over = np.zeros(n, np.bool_)
         self._held: list[PreparedEpisode | None] = [None] * n  # driven now
         self._next: list[PreparedEpisode | None] = [None] * n
+        self._next_worlds: list[int | Episode | None] = [None] * n  # where `set_next` chose them
         # Of rows that no seed is given for.
         self._seeds = secrets.randbits(48) + np.arange(n, dtype=np.int64)
         self._counts = np.zeros(n, np.int64)  # episodes begun of the present seeds
@@ -234,7 +237,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         n = self.num_envs
         mask, worlds = check_options(options, "reset_mask", "episodes")
         if mask is not None and (np.shape(mask) != (n,) or np.asarray(mask).dtype != np.bool_):
-            raise InputError(f"options: reset_mask is {mask!r}; expected ({n},) bool")
+            raise InputError(f"options: reset_mask is {shorten(mask)}; expected ({n},) bool")
         seeds = self._seeds_of_rows(seed)
         chosen = np.ones(n, np.bool_) if mask is None else np.asarray(mask, np.bool_)
         self._check_next(np.flatnonzero(chosen), worlds)
@@ -246,7 +249,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
             if given is not None:
                 self._seeds[i], self._counts[i] = given, 0
             if given is not None or self._next[i] is None:
-                self._draw(i)
+                self._draw(i, self._next_worlds[i])
         if worlds is not None:
             self.set_next(np.flatnonzero(chosen), worlds)
         results = self._results.take()
@@ -268,6 +271,8 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         weights: Any = None,
     ) -> None:
         """Choose what rows drive in their next episodes; seed and number draw all else.
+
+        A `reset` with a seed keeps what is chosen.
 
         Args:
             rows: their numbers (k,).
@@ -298,19 +303,24 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
 
     def _check_next(self, rows: Any, worlds: Any) -> tuple[list[int], list[Any]]:
         """Rows and worlds as lists, before anything is changed; see `set_next`."""
-        found = [int(row) for row in rows]
-        if found and not 0 <= min(found) <= max(found) < self.num_envs:
-            raise InputError(f"rows {shorten(found)}: expected 0 to {self.num_envs - 1}")
-        each = [None] * len(found) if worlds is None else list(worlds)
+        try:
+            found = list(rows)
+            each = [None] * len(found) if worlds is None else list(worlds)
+        except TypeError:
+            text = f"rows are {shorten(rows)}, worlds {shorten(worlds)}; expected a list of each"
+            raise InputError(text) from None
+        n = self.num_envs
+        if not all(is_integer(row) and row < n for row in found) or len({*found}) < len(found):
+            raise InputError(f"rows {shorten(rows)}: expected 0 to {n - 1}, integers, each once")
         if len(each) != len(found):
             raise InputError(f"{len(each)} worlds were given for {len(found)} rows")
         for world in each:
-            if isinstance(world, Integral):
-                if self.settings.bank.size == 0 or world < 0:
-                    raise InputError(f"world {world}: expected a bank, and a number from 0")
-            elif not isinstance(world, Episode | None):
+            number = isinstance(world, Integral)
+            if number and not (self.settings.bank.size > 0 and is_integer(world)):
+                raise InputError(f"world {shorten(world)}: expected a bank, and a number from 0")
+            if not number and not isinstance(world, Episode | None):
                 raise InputError(f"world {shorten(world)}: expected a number, an Episode or None")
-        return found, each
+        return [int(row) for row in found], each
 
     def _seeds_of_rows(self, seed: Any) -> list[int | None]:
         """Return the seed that is given for each row, or None."""
@@ -360,10 +370,13 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         n = self.num_envs
         if self._last is None:
             raise gym.error.ResetNeeded("call reset() before step()")
-        chosen = np.array(actions, np.float64)
-        if chosen.shape != (n, 2):
-            raise self._wrong(chosen)
-        self._actions[:] = chosen
+        try:
+            found = np.asarray(actions)
+        except ValueError:  # some rows are longer than others
+            raise self._wrong(actions) from None
+        if found.shape != (n, 2) or found.dtype.kind not in "biuf":
+            raise self._wrong(actions)
+        self._actions[:] = chosen = found.astype(np.float64, "C")
         mode = self.autoreset_mode
         if mode is AutoresetMode.DISABLED and self._over.any():
             over = np.flatnonzero(self._over).tolist()
@@ -400,9 +413,9 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         infos = self._infos(results) | more
         return results.observation(), rewards, terminated, truncated, infos
 
-    def _wrong(self, actions: Array) -> InputError:
-        n = self.num_envs
-        return InputError(f"actions have shape {actions.shape}; expected finite ({n}, 2)")
+    def _wrong(self, actions: Any) -> InputError:
+        expected = f"expected finite ({self.num_envs}, 2)"
+        return InputError(f"actions are {shorten(actions)}; {expected}")
 
     def _follow(self, begun: Mask) -> None:
         """Keep the trails that pictures show; of rows that began an episode, new ones."""
@@ -505,7 +518,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
             drawn = self.worlds.draw(seed, count, self._weights.get(i)) if world is None else world
             level = int(drawn)
             prepared = self.worlds.episode(seed, count, level, float(self._max_times[i]))
-        self._next_levels[i], self._next[i] = level, prepared
+        self._next_levels[i], self._next[i], self._next_worlds[i] = level, prepared, world
         self._make_ready(i, prepared)
 
     def _make_ready(self, i: int, prepared: PreparedEpisode) -> None:
