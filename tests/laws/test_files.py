@@ -20,7 +20,7 @@ from tests.agents.learning.tiny_runs import random_weights
 from tests.conftest import ROOT, refusal
 from tests.fuzz import READERS, Watched, fuzz
 from wheelchair_gym.base.errors import InputError
-from wheelchair_gym.base.files import LIMITS, exists
+from wheelchair_gym.base.files import LIMITS, atomic_write, exists
 from wheelchair_gym.envs.settings import env_settings
 
 PACKAGES = ("wheelchair_gym", "planners", "agents")
@@ -388,6 +388,23 @@ def test_a_file_that_is_larger_than_its_limit_is_not_read(tmp_path, capsys):
     with path.open("wb") as file:
         file.truncate(LIMITS["json"].maximum + 1)  # sparse: takes no room
     assert "large.json" in refusal(["plan", "--problems", path, "--planner", "rrt"], capsys)
+
+
+def test_a_written_file_keeps_its_permissions_and_a_new_one_has_the_usual_ones(tmp_path):
+    usual, mine = tmp_path / "usual", tmp_path / "mine"
+    usual.touch()
+    for mode in (None, 0o600, 0o664):
+        if mode is not None:
+            mine.chmod(mode)
+        with atomic_write(mine) as part:
+            part.write_text("1")
+        expected = usual.stat().st_mode & 0o777 if mode is None else mode
+        assert mine.stat().st_mode & 0o777 == expected
+    program = "import sys; from wheelchair_gym.base.files import atomic_write\n"
+    program += "with atomic_write(sys.argv[1]) as part: part.touch()"
+    command = 'umask 077; exec "$0" -c "$1" own', sys.executable, program
+    subprocess.run(["sh", "-c", *command], check=True, cwd=tmp_path)
+    assert (tmp_path / "own").stat().st_mode & 0o777 == 0o600
 
 
 def test_shipped_files_are_found_from_any_folder(tmp_path, monkeypatch):

@@ -332,9 +332,14 @@ def coordinate_lists(value: Any, count: int, where: str) -> list[list[float]]:
     return [coordinates(item, (count,), f"{where}[{k}]") for k, item in enumerate(value)]
 
 
+os.umask(_UMASK := os.umask(0))  # there is no way to read it alone
+
+
 @contextmanager
 def atomic_write(path: str | Path) -> Iterator[Path]:
     """A name to write to; renamed to `path` at the end, removed after an error.
+
+    The file keeps the permissions of the one that it replaces; a new one has those of `open`.
 
     Raises:
         InputError: it cannot be written.
@@ -350,7 +355,7 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
         part = Path(name)
         try:
             yield part
-            part.chmod(0o644)
+            part.chmod(stat.S_IMODE(path.stat().st_mode) if path.exists() else 0o666 & ~_UMASK)
             part.replace(path)
         finally:
             part.unlink(missing_ok=True)
