@@ -239,6 +239,8 @@ def publish(folder: Path, results: Sequence[Path], path: Path) -> Weights:
     folders = sorted(folder.glob("seed_*")) or [folder]
     runs = {of: load_weights(of / POLICY) for of in folders}
     for of, weights in runs.items():
+        if "frames" not in weights.card:
+            raise InputError(f"{of}: imitated weights, without a curve; expected a run that learns")
         if weights.card["frames"] < weights.card["training"]["frames"]:
             raise InputError(f"{of}: the run has not ended; the same train command resumes it")
     curves = {of: _eval_curve(of) for of in folders}

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.stats import rankdata
 
 from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.errors import shorten
 from wheelchair_gym.base.settings import InputError, setting, settings
 
 
@@ -49,18 +50,29 @@ class LevelScores:
         """Take new scores (k,) of levels (k,); of a level that is named twice, their mean.
 
         Raises:
-            InputError: a level is unknown, such as that of a world of no bank.
+            InputError: a level is unknown, such as that of a world of no bank; or a score is NaN.
         """
+        named, inverse = np.unique(self._known(levels), return_inverse=True)
+        if np.isnan(scores).any():
+            raise InputError(f"scores {shorten(scores)}: expected no NaN")
         self._updates += 1
-        named, inverse = np.unique(levels, return_inverse=True)
-        if len(named) and not 0 <= named[0] <= named[-1] < len(self.scores):
-            raise InputError(f"levels {named}: expected 0 to {len(self.scores) - 1}")
         self.scores[named] = np.bincount(inverse, scores) / np.bincount(inverse)
         self.drawn[named] = self._updates
 
     def replace(self, levels: NDArray[np.int64]) -> None:
-        """Forget levels (k,), as if they were unseen."""
-        self.scores[levels], self.drawn[levels] = math.inf, 0
+        """Forget levels (k,), as if they were unseen.
+
+        Raises:
+            InputError: a level is unknown.
+        """
+        known = self._known(levels)
+        self.scores[known], self.drawn[known] = math.inf, 0
+
+    def _known(self, levels: NDArray[np.int64]) -> NDArray[np.int64]:
+        if len(levels) and not 0 <= np.min(levels) <= np.max(levels) < len(self.scores):
+            expected = f"expected 0 to {len(self.scores) - 1}"
+            raise InputError(f"levels {shorten(levels)}: {expected}")
+        return levels
 
     def weights(self) -> Array:
         """How often each level is to be drawn (levels,); their sum is 1 (equations 1 to 3)."""

@@ -143,12 +143,13 @@ class Run:
         self.sums: Counter[str] = Counter()  # over the episodes since the last checkpoint
         self.worlds.max_time = config.curriculum.initial_time or self._env_settings.starts_within
         self._curriculum_mark = [0, 0]  # episodes and successes at the last advance
-        self.best_success, self.rows = -1.0, stored.read_curve(folder)
+        self.best_success = -1.0
+        self.rows: list[Row] = []  # of checkpoints: a curve may hold one that was not saved
         if content is not None:
             stored.load_model_state(self.model, content["model"])
             self.best_success = content["best"]
             self.worlds.max_time = content["within"]
-            self.rows = self.rows[: self.checkpoint_number]
+            self.rows = stored.read_curve(folder)[: self.checkpoint_number]
         elif initial is not None:
             networks.load_actor_arrays(self.model, config.algorithm, initial.arrays)
 
@@ -354,29 +355,31 @@ def evaluate_network(
 ) -> dict[str, float]:
     """Shares of success, collision and timeout of the first episode of each row, and mean time.
 
-    Success is measured by true poses and without contact; the mean time [s] is over successes.
+    Success is measured by true poses and without contact, and any contact counts as a collision;
+    the mean time [s] is over successes.
     `on_evaluated` is called with the number of episodes that have ended, and of all episodes.
     """
     n = env.num_envs
     observations, _ = env.reset(seed=seed)
     running = np.ones(n, bool)
-    success, collision, times = np.zeros(n, bool), np.zeros(n, bool), np.zeros(n)
+    success, touched, times = np.zeros(n, bool), np.zeros(n, bool), np.zeros(n)
     on_evaluated(0, n)
     while running.any():
         actions = network(flatten_observations(observations))
         observations, _, terminated, truncated, infos = env.step(actions)
         ended = (terminated | truncated) & running
+        touched |= (infos["bumped"] | infos["contact"]) & running & ~ended
         if ended.any():
             final = infos["final_info"]
             success[ended] = final["is_success"][ended]
-            collision[ended] = (final["bumped"] | final["contact"])[ended] & ~success[ended]
+            touched |= (final["bumped"] | final["contact"]) & ended
             times[ended] = final["time"][ended]
             running &= ~ended
         on_evaluated(n - int(running.sum()), n)
     return {
         "success": float(success.mean()),
-        "collision": float(collision.mean()),
-        "timeout": float((~success & ~collision).mean()),
+        "collision": float(touched.mean()),
+        "timeout": float((~success & ~touched).mean()),
         "time": float(times[success].mean()) if success.any() else 0.0,
     }
 

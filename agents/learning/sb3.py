@@ -140,7 +140,7 @@ class SB3VecEnv(VecEnv):
         """
         if indices is not None:
             raise NotImplementedError(f"{attr_name} can be set for all rows only")
-        setattr(self.env, attr_name, value)
+        self.env.set_attr(attr_name, value)
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> Any:
         """Call a method of the vector environment; its result once for each index."""

@@ -16,6 +16,11 @@ SB3 = "default of stable-baselines3"
 TUNED = "tuned on training worlds"
 
 
+def _check_layers(net_arch: tuple[int, ...]) -> None:
+    if not net_arch:
+        raise InputError("net_arch is empty; expected the units of one hidden layer or more")
+
+
 @settings
 class OnPolicy:
     """Parameters of PPO (Schulman et al. 2017), named as in stable-baselines3."""
@@ -159,6 +164,7 @@ class Training:
     evaluation: Evaluation = Evaluation()
 
     def __post_init__(self) -> None:
+        _check_layers(self.net_arch)
         env = self.env_settings()
         if env.task.privileged and self.algorithm != "ppo":
             raise InputError(f"env.task.privileged is for ppo's critic, not for {self.algorithm}")
@@ -249,3 +255,6 @@ class Imitation:
     """Units of each hidden layer."""
     jobs: int = setting(default=1, low=1)
     """Processes that drive."""
+
+    def __post_init__(self) -> None:
+        _check_layers(self.net_arch)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
-from agents.learning.settings import Training, read_training
+from agents.learning.settings import Imitation, Training, read_training
 from agents.people.protocol import Protocol
 from planners.problem_files import read_problems
 from planners.rrt_star_woa import thesis
@@ -42,8 +42,8 @@ from wheelchair_gym.sim.settings import ChairSettings
 
 REFUSALS = yaml.safe_load((ROOT / "tests" / "laws" / "refusals.yaml").read_text())
 SETTINGS = (
-    ChairSettings, CostToGoSettings, EnvSettings, JoystickSettings, Limits, LocalizationSettings,
-    SensorSettings, Training,
+    ChairSettings, CostToGoSettings, EnvSettings, Imitation, JoystickSettings, Limits,
+    LocalizationSettings, SensorSettings, Training,
 )  # fmt: skip
 PROTOCOL = read_json(ROOT / "examples" / "participants.json")
 JOINT = dump(load(JointRandomization, {

@@ -11,11 +11,19 @@ import pytest
 from agents.cli import main
 from agents.evaluation.compare import SUITES
 from agents.evaluation.evaluate import drive_episode, episode_key, evaluate
-from agents.learning.folder import BEST, CHECKPOINT, POLICY, load_checkpoint, model_card
+from agents.learning.folder import (
+    BEST,
+    CHECKPOINT,
+    CURVE,
+    POLICY,
+    load_checkpoint,
+    model_card,
+    read_curve,
+)
 from agents.learning.run import Run, train
 from agents.learning.weights import Network, load_weights, save_weights, shipped
 from agents.policies import GymPolicy, make_policy
-from agents.policies.learned import BACK
+from agents.policies.learned import BACK, LearnedDriver
 from tests.agents.learning.tiny_runs import ENV, random_weights, tiny, trained_run
 from tests.conftest import ROOT, put, refusal
 from wheelchair_gym.base.files import file_digest
@@ -139,6 +147,18 @@ def test_a_driver_holds_its_action_where_control_is_faster(folder):
         policy.policy.reset(env.mission)
 
 
+def test_a_driver_is_guided_through_a_narrow_door_as_in_training():
+    weights = random_weights(posed=False)
+    weights.card["env"]["guidance"] = "geodesic"
+    weights.card["env"]["task"]["look_ahead"] = np.linspace(0.5, 5.0, 10)
+    env = NavigationEnv({"name": "doorway", "door_width": 0.65}, guidance="geodesic", split="test")
+    env.reset(seed=0)
+    driver = LearnedDriver(Network(weights), weights.card)
+    driver.reset(env.mission)
+    assert len(driver.task.path) > 2
+    assert np.array_equal(driver.task.path, env.task.path)
+
+
 def test_on_a_map_that_grows_the_way_leads_beyond_what_is_drawn():
     env = NavigationEnv({"name": "floor_plan", "kind": "home"}, pose_source="slam", split="test")
     env.reset(seed=5)
@@ -176,6 +196,12 @@ def test_a_run_goes_on_only_from_a_whole_checkpoint_and_with_its_own_settings(fo
         load_checkpoint(run_of)
     with pytest.raises(InputError, match="holds a run with seed 0, not 1; choose another folder"):
         Run(tiny("ppo"), 1, folder)
+    (run_of / CHECKPOINT).unlink()
+    shutil.copy(folder / CURVE, run_of)
+    anew = Run(tiny("ppo"), 0, run_of)
+    anew.learn()
+    anew.close()
+    assert [row["frames"] for row in read_curve(run_of)] == [anew.frames]  # and no old ones
     other = dataclasses.replace(tiny("ppo"), checkpoint_frequency=77)
     with pytest.raises(InputError, match=r"holds a run with checkpoint_frequency .*, not 77"):
         Run(other, 0, folder)

@@ -20,9 +20,9 @@ from agents.cli import main
 from agents.cli.train import varied
 from agents.learning import run as run_module
 from agents.learning.demonstrations import imitate
-from agents.learning.folder import POLICY, episode_row, read_curve
+from agents.learning.folder import POLICY, episode_row, publish, read_curve
 from agents.learning.networks import AsymmetricPolicy, Teacher, actor_arrays
-from agents.learning.run import BATCH, Run, train
+from agents.learning.run import BATCH, Run, evaluate_network, train
 from agents.learning.sb3 import SaveModel
 from agents.learning.settings import RECIPES, Imitation
 from agents.learning.weights import Layout, Network, load_weights
@@ -229,6 +229,8 @@ def test_imitation_comes_near_its_expert_and_warms_a_run(tmp_path):
     first = json.loads((tmp_path / "rounds.json").read_text())[0]
     assert told["steps"] > first["steps"]
     assert told["loss"] < 0.05
+    with pytest.raises(InputError, match="imitated weights"):
+        publish(tmp_path, [], tmp_path / "mine.npz")
     file = str(tmp_path / POLICY)
     run = Run(tiny("ppo", env=privy, warm_start=file), 0, tmp_path / "warm")
     for name, array in actor_arrays(run.model, "ppo").items():
@@ -304,6 +306,28 @@ def test_recipes_are_whole_runs(name):
 def test_a_row_without_an_episode_that_ended_has_no_share_of_success():
     assert episode_row(Counter()) == {"episodes": 0}
     assert episode_row(Counter(episodes=2, success=1))["success"] == 0.5
+
+
+def test_any_contact_of_an_evaluation_is_a_collision():
+    """Of four rows: a light touch on the way, a success, a timeout, a contact in a next episode."""
+    columns = "terminated", "truncated", "is_success", "bumped", "contact"
+    steps = [
+        dict(zip(columns, map(np.array, rows), strict=True))
+        for rows in (
+            ([0, 1, 0, 0], [0, 0, 0, 1], [0, 1, 0, 0], [0, 0, 0, 0], [1, 0, 0, 0]),
+            ([1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 1]),
+        )
+    ]
+    steps = [{name: row.astype(bool) for name, row in step.items()} for step in steps]
+    env = MagicMock(num_envs=4)
+    env.reset.return_value = {"pose": np.zeros((4, 3))}, {}
+    env.step.side_effect = [
+        (env.reset()[0], None, step["terminated"], step["truncated"],
+         {**step, "final_info": {**step, "time": np.full(4, 7.0)}})
+        for step in steps
+    ]  # fmt: skip
+    found = evaluate_network(env, lambda observations: None, 0)
+    assert found == {"success": 0.25, "collision": 0.25, "timeout": 0.5, "time": 7.0}
 
 
 def test_values_that_vary_are_taken_as_they_were_typed():

@@ -145,5 +145,11 @@ def test_levels_are_drawn_by_rank_and_by_age():
 
 
 def test_scores_of_worlds_that_no_bank_holds_are_refused():
+    levels = LevelScores(3)
     with pytest.raises(InputError, match="expected 0 to 2"):
-        LevelScores(3).update(np.array([-1, 1]), np.ones(2))  # -1: a world of no bank
+        levels.update(np.array([-1, 1]), np.ones(2))  # -1: a world of no bank
+    with pytest.raises(InputError, match="expected 0 to 2"):
+        levels.replace(np.array([-1]))
+    with pytest.raises(InputError, match="expected no NaN"):
+        levels.update(np.array([0, 1]), np.array([1.0, np.nan]))
+    assert np.allclose(levels.weights(), 1 / 3)  # nothing has changed
