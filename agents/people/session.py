@@ -214,14 +214,11 @@ class Session:
         return self.progress.next()
 
     def mark(self, kind: str, /, **content: Any) -> None:
-        """Record an event: paused, resumed, withdrawn, note or adverse_event, these with a text.
-
-        A step that is done in a pause ends it.
-        """
+        """Record an event: paused, resumed, withdrawn, note or adverse_event, these with a text."""
         if not self.progress.last:
             self._append("opened", self._opening)
         if self.progress.state == State.PAUSED and kind in ("started", "answers"):
-            self._append("resumed", {})
+            self._append("resumed", {})  # a step ends a pause
         self._append(kind, content)
 
     def _append(self, kind: str, content: Mapping[str, Any]) -> None:
