@@ -1,7 +1,7 @@
 """A learned policy as ONNX: exported, driven in simulation, and ready for a chair's computer.
 
-On the chair: `wheelchair deploy --chair hardware --policy ppo_guided.onnx --goal 4,2`; nothing of
-torch is needed there. `--digest` in the policy's settings refuses another file.
+On the chair, without torch: `wheelchair deploy --config my_chair.json --map home.yaml --start 0,0,0
+--policy ppo_guided.onnx --goal 4,2`. `digest` in the policy's settings refuses another file.
 """
 
 import argparse

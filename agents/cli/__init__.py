@@ -188,6 +188,8 @@ def _add(parsers: Any, name: str, help: str, description: str, example: str) -> 
 def run(given: argparse.Namespace) -> int:
     """Run the command that was parsed; the exit code."""
     command: Command = given.row
+    if hasattr(given, "when_full"):  # what is wrong with these options is told at once
+        importlib.import_module("agents.cli.arguments").watch(given)
     module, _, function = command.run.partition(":")
     code: int = getattr(importlib.import_module(f"agents.cli.{module}"), function)(given)
     return code

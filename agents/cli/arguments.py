@@ -11,6 +11,7 @@ from typing import Any
 
 from agents.cli.options import DEFAULT_POSE
 from agents.evaluation.provenance import command_line, write_json
+from agents.evaluation.tables import json_value
 from agents.watch import Watch
 from planners.rrt_star_woa.thesis import is_thesis, read_thesis, without_trailing_commas
 from wheelchair_gym.base.errors import shorten
@@ -151,7 +152,15 @@ def env_of(given: argparse.Namespace) -> dict[str, Any]:
 
 
 def watch(given: argparse.Namespace) -> Watch:
-    """Recording and live viewers by --record, --format, --live, --images and --when-full."""
+    """Recording and live viewers by --record, --format, --live, --images and --when-full.
+
+    Raises:
+        InputError: an option needs --record, or a viewer.
+    """
+    if given.record is None:
+        refuse(given, ("format", "when_full"), "expected with --record")
+    if given.record is None and given.live is None:
+        refuse(given, ("images",), "expected with --record or --live")
     return Watch(given.record, given.live, given.images, given.when_full, given.format)
 
 
@@ -167,6 +176,7 @@ def check_picture(file: str | None) -> None:
 
 def report(given: argparse.Namespace, value: Any, text: str) -> None:
     """Print a result as text, or write it as JSON where --json was given."""
+    value = json_value(value)
     if given.json == "-":
         print(json.dumps(value, indent=1, allow_nan=False))
         return

@@ -192,8 +192,12 @@ def assisted(given: argparse.Namespace) -> int:
     helper = TimedAssistant(
         make_policy(policy), label(arguments.spec(given.assist)), given.deadline
     )
+    if given.map is None:
+        arguments.refuse(given, ("start", "unknown", "pose"), "expected with --map")
     prompts: list[list[float]] = []
     if given.prompts:
+        why = "--prompts asks for full deflections while the chair stands, without an assistant"
+        arguments.refuse(given, ("assist", "speed"), why)
         prompts = schedule(0, (1.0,) * 4 if given.input == "keyboard" else (1.0, 0.5))
         helper = TimedAssistant(Stand(), "prompts", given.deadline)
     pose = "odometry" if given.map is None else given.pose
@@ -224,10 +228,9 @@ def assisted(given: argparse.Namespace) -> int:
     )
     keys = None
     try:
-        env.unwrapped.labels = {
-            "assistant": arguments.spec(given.assist), "interface": given.input, "share": share,
-            "prompts": prompts,
-        }  # fmt: skip
+        env.unwrapped.labels = {"interface": given.input, "share": share, "prompts": prompts}
+        if not prompts:
+            env.unwrapped.labels["assistant"] = arguments.spec(given.assist)
         env, film = arguments.watch(given).on(env)
         real: Any = unwrapped(made)
         real.person, real.assisted = stick.why, given.input == "board"
@@ -260,12 +263,12 @@ def assisted(given: argparse.Namespace) -> int:
         helper.close()
         if keys is not None:
             keys.close()
-    record |= {"assistant": given.assist, "input": given.input}
+    record |= {"assistant": None if prompts else given.assist, "input": given.input}
     ended = f"; {record['ended']}" if record["ended"] else ""
     text = (
-        f"{given.assist}: {record['length']:.1f} m in {record['time']:.0f} s, stood "
-        f"{record['stops']} times, changed the stick's twist for "
-        f"{100.0 * record['intervention_share']:.0f} % of the time{ended}{_timing(record)}"
+        f"{record['assistant'] or 'prompts'}: {record['length']:.1f} m in {record['time']:.0f} s, "
+        f"stood {record['stops']} times, changed the stick's twist for "
+        f"{100.0 * record.get('intervention_share', 0.0):.0f} % of the time{ended}{_timing(record)}"
     )
     arguments.report(given, record, text)
     return 1 if record["ended"] else 0
@@ -405,7 +408,7 @@ def _said(name: str, record: dict[str, Any]) -> str:
     angle, alike = record["difference_angle"], 100.0 * (1.0 - record["difference_share"])
     answers = "the same, to the bit" if record["same_answers"] else f"alike for {alike:.0f} % of it"
     beside = "" if angle is None else f", {np.degrees(angle):.1f} deg beside it on average"
-    shares = (100.0 * figures["intervention_share"] for figures in (other, before))
+    shares = (100.0 * figures.get("intervention_share", 0.0) for figures in (other, before))
     changes = "it changes the stick's twist for {:.0f} % of the time (recorded: {:.0f} %)"
     return f"{name} answers {answers}{beside}; {changes.format(*shares)}"
 

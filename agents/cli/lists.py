@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from agents import read_data
-from agents.cli.arguments import report, spec
+from agents.cli.arguments import refuse, report, spec
 from agents.cli.options import ALGORITHMS
 from agents.evaluation.provenance import write_text
 from agents.evaluation.tables import markdown_table
@@ -29,6 +29,7 @@ def scenes(given: argparse.Namespace) -> int:
     """List the scenes, or measure one."""
     if given.name is not None:
         return _measure(given)
+    refuse(given, ("samples",), "expected with the name of a scene")
     docs = {name: inspect.getdoc(scene) or "" for name, scene in sorted(SCENES.items())}
     found = [{"name": name, "what": doc.split("\n")[0]} for name, doc in docs.items()]
     report(given, found, "\n".join(f"{scene['name']:<16} {scene['what']}" for scene in found))

@@ -96,7 +96,7 @@ def _from_scans(given: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
     """Maps from a log or a recording; figures, and lines of text."""
     if given.odometry_only and watch(given):
         raise InputError("--odometry-only: viewers and recordings show SLAM")
-    refuse(given, ("policy", "time", "window"), "expected with --scene or --chair")
+    refuse(given, ("policy", "time", "window", "images"), "expected with --scene or --chair")
     topics = ("scan_topic", "odometry_topic") if given.log else ()
     refuse(given, topics, "expected with --recording")
     file = given.log or given.recording

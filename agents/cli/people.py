@@ -6,7 +6,7 @@ import argparse
 from importlib.util import find_spec
 from pathlib import Path
 
-from agents.cli.arguments import map_scenes
+from agents.cli.arguments import map_scenes, refuse
 from agents.cli.arguments import report as report_result
 from agents.evaluation.tables import columns_of, count, make_table
 from wheelchair_gym.base import settings
@@ -32,6 +32,9 @@ def studio(given: argparse.Namespace) -> int:
     if given.study is not None:
         from agents.people.protocol import Protocol
 
+        refuse(given, ("model",), "expected without --study: its scenes say which chair is driven")
+        if given.participant:
+            refuse(given, ("map", "runs"), "expected without --participant, which locks its page")
         study = settings.read(Protocol, given.study)
         folder /= Path(given.study).stem
     elif given.participant:

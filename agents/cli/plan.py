@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from agents.benchmarks.entrants import small_problem
-from agents.cli.arguments import changed, report, spec
+from agents.cli.arguments import changed, refuse, report, spec
 from agents.studies import plan_pictures
 from agents.studies.plan_pictures import SHORTENS, STEERS, Drawn, PlanPictures
 from agents.studies.plan_pictures import problem_of as thesis_problem
@@ -43,8 +43,9 @@ def run(given: argparse.Namespace) -> int:
         raise InputError("plan: give either --map or --problems")
     if thesis is None and given.problems is None and (given.start is None or given.goal is None):
         raise InputError("plan: --map needs --start and --goal")
-    if given.problems is not None and (given.start or given.goal or given.picture or given.video):
-        raise InputError("plan: --problems takes neither --start, --goal, --picture nor --video")
+    if given.problems is not None:
+        names = "map", "resolution", "unknown", "start", "goal", "picture", "video"
+        refuse(given, names, "expected without --problems")
     settings = thesis.planner(named) if thesis and named in PLANNERS_OF_FILE else spec(named)
     planner = make_planner(changed(settings, given.changes))
     solve = getattr(type(planner), "solve", type(planner).plan)  # others' planners have a plan only

@@ -124,6 +124,10 @@ def exists(value: Any) -> bool:
 
 def json_value(value: Any) -> Any:
     """Return a value for JSON, which knows neither infinity nor NaN: they become null."""
+    if isinstance(value, Mapping):
+        return {key: json_value(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [json_value(one) for one in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 

@@ -75,9 +75,7 @@ class PersonsStick:
         source: reads it; None: no stick is heard yet.
     """
 
-    def __init__(
-        self, share: float, now: Callable[[], float], fault: Callable[[], str] = lambda: ""
-    ) -> None:
+    def __init__(self, share: float, now: Callable[[], float], fault: Callable[[], str]) -> None:
         self.source: StickSource | None = None
         self._share, self._now, self._fault = share, now, fault
         self._lock = threading.Lock()  # the chair's guard asks, too

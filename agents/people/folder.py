@@ -113,7 +113,7 @@ def delete(folder: Path, participant: int) -> int:
     if links := [path for path in (own, *own.rglob("*")) if path.is_symlink()]:
         raise InputError(f"{links[0]} is a link; expected the data themselves in its place")
     files = [path for path in own.rglob("*") if not path.is_dir()]
-    if not files:
+    if not any(path.stat().st_size for path in files):
         raise InputError(f"{folder} holds nothing of participant {participant}")
     Chain(own / STEPS).close()  # nobody writes
     exports = [folder / name for name in (DATA, WIDE, ATTEMPTS, PAGE)]
@@ -190,7 +190,10 @@ class Chain:
             raise write_error(path, error) from None
         try:
             _lock(self._file)
+            is_there = os.path.samefile(path, self._file.fileno())
         except OSError:
+            is_there = False
+        if not is_there:  # another program has it open, or has removed it without records
             self.close()
             number = path.parent.name[-4:].lstrip("0")
             raise PageError("open_elsewhere", number=number) from None
@@ -228,6 +231,10 @@ class Chain:
         self._last = checksum
         return record
 
-    def close(self) -> None:
-        """Close the file, and release its lock."""
+    def close(self, empty: bool = False) -> None:
+        """Close the file, and release its lock; one without records is removed with its folder."""
+        if empty and not self._file.closed:
+            with suppress(OSError):  # Windows keeps a file that is open, and `delete` ignores it
+                self.path.unlink()
+                self.path.parent.rmdir()
         self._file.close()

@@ -199,8 +199,9 @@ class Protocol:
             for name in names:
                 if names.count(name) > 1 or name in used:
                     raise InputError(f"{key}: the name {shorten(name)} is taken; expected another")
-                if not name.strip() or "/" in name:
-                    raise InputError(f"{key}: the name is {shorten(name)}; expected no slash in it")
+                if not name.strip() or "/" in name or ": " in name:
+                    wrong = "expected no slash and no ': ' in it"
+                    raise InputError(f"{key}: the name is {shorten(name)}; {wrong}")
             used |= set(names) if key == "tasks" else set()
         if not self.devices or len(set(self.devices)) < len(self.devices):
             raise InputError(f"Protocol.devices: expected some of {', '.join(DEVICES)}, each once")

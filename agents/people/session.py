@@ -197,17 +197,17 @@ class Session:
             self.progress = Progress(protocol, participant, self._chain.read())
             if self.progress.last:
                 self._append("opened", self._opening)
-                if self.progress.attempts and not self.progress.attempts[-1]["outcome"]:
-                    self.end(CUT_OFF, {})  # the program ended in mid-drive
+                self._cut_off()  # the program ended in mid-drive
+                self._check_rule()  # or before it stopped the session
         except BaseException:
             self._chain.close()
             raise
 
     def close(self) -> None:
-        """Write what is left, and release the lock of the session."""
+        """Write what is left, and release the lock; a number that was only typed leaves nothing."""
         with suppress(InputError):
             self.save()
-        self._chain.close()
+        self._chain.close(empty=not self.progress.last)
 
     def next(self) -> Step | None:
         """Return the first step that is not done; None where the session is over."""
@@ -216,7 +216,9 @@ class Session:
     def mark(self, kind: str, /, **content: Any) -> None:
         """Record an event: paused, resumed, withdrawn, note or adverse_event, these with a text."""
         if not self.progress.last:
-            self._append("opened", self._opening)  # a number that was only typed leaves nothing
+            self._append("opened", self._opening)
+        if self.progress.state == State.PAUSED and kind in ("started", "answers"):
+            self._append("resumed", {})  # a step ends a pause
         self._append(kind, content)
 
     def _append(self, kind: str, content: Mapping[str, Any]) -> None:
@@ -235,9 +237,19 @@ class Session:
                 return False
             self.progress.take(self._chain.append("ended", **self._unsaved))
             self._unsaved = {}
-            if rule := self.progress.rule():
-                self._append("stopped", {"rule": rule})
+            self._check_rule()
             return True
+
+    def _check_rule(self) -> None:
+        """Stop the session where a rule says so."""
+        if self.progress.state not in OVER and (rule := self.progress.rule()):
+            self._append("stopped", {"rule": rule})
+
+    def _cut_off(self) -> None:
+        """End a drive that has begun, and whose end nobody has recorded."""
+        self.save()
+        if self.progress.attempts and not self.progress.attempts[-1]["outcome"]:
+            self.end(CUT_OFF, {})
 
     def due(self, kind: str, step: Step | None = None) -> Step:
         """Return the step that is due.
@@ -280,6 +292,8 @@ class Session:
             scan_period: of a single switch [s].
         """
         step = self.due("drive")
+        self._cut_off()
+        self.due("drive", step)
         by = {"device": device, "scan_period": scan_period, "recording": recording}
         attempt = {"attempt": self._attempts(step) + 1, "world": self.world(step)}
         self.mark("started", **step._asdict() | attempt | by)

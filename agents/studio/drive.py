@@ -181,6 +181,11 @@ class Drive:
         if self._hand is not None:
             self._hand.press()
 
+    def release_switch(self) -> None:
+        """Stop what a single switch drives; its scan begins anew."""
+        if self._scan_period > 0.0 and self._hand is not None:
+            self._hand.begin(self._world.task.key)
+
     def step(self, forward: float, left: float, by: str = "") -> None:
         """Advance one control period with a deflection; before the first one, time stands.
 

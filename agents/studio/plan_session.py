@@ -352,7 +352,8 @@ class PlanSession(PageSession):
         path = self._folder / f"{name}.yaml"
         write_map(self._grid, path, suffix=".png")
         scene = {"name": "map_file", "path": str(path)}
-        self._places[f"map:{name}"] = Place("map", name, scene, {"pose_source": "modelled"})
+        env = self._places["scene:map_file"].env  # with the chair of this studio
+        self._places[f"map:{name}"] = Place("map", name, scene, env)
         self._out.send("saved", files=[path.name, path.with_suffix(".png").name])
 
 

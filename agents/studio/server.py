@@ -207,7 +207,7 @@ class Studio:
             go to the folder.
         runs: folder below which the page Compare finds recordings and runs; None: `folder`.
         warm_up: how far compiling is; None: a new one, not begun.
-        model: chair of `configs/chairs` in all places; None: the default.
+        model: chair of `configs/chairs` in all places, but not in a study; None: the default.
         locked: only the page Study can be reached.
     """
 

@@ -1,8 +1,8 @@
 """The sessions of the pages Drive and Compare.
 
 Drive: a thread owns the environment and steps it in real time. Whatever happens, the chair stops: a
-stick that is not confirmed for a moment counts as released, and a page that is closed ends the
-drive once the chair stands. Compare: two drives of one episode, or two recordings, side by side.
+stick or a switch that is not confirmed for a moment counts as released; a page that is closed ends
+the drive once the chair stands. Compare: two drives of one episode, or two recordings, in parallel.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from wheelchair_gym.people.drivers import DRIVERS
 from wheelchair_gym.people.drivers.live_person import IMPAIRMENTS, SIGHTS
 
 _LOG = logging.getLogger(__name__)
-DEAD_MAN: Final = 0.4  # s for which a deflection counts; the page confirms it every 0.05 s
+DEAD_MAN: Final = 0.4  # s for which a deflection or a switch counts; the page confirms it sooner
 _LATE: Final = 0.25  # s: a drive that is later gives up catching up with real time
 
 
@@ -68,11 +68,6 @@ class DriveSession(PageSession):
             return
         super().receive(message)
 
-    def close(self) -> None:
-        """Stop the chair, complete the recording and end the thread."""
-        self._stick = (0.0, 0.0, "", -1.0)
-        super().close()
-
     def _run(self) -> None:
         due = time.monotonic()
         try:
@@ -96,6 +91,7 @@ class DriveSession(PageSession):
         forward, left, by, at = self._stick
         if time.monotonic() - at > DEAD_MAN:
             forward, left, by = 0.0, 0.0, ""
+            drive.release_switch()
         try:
             drive.step(forward, left, by)
         except Exception as error:  # an assistant of somebody's, a full disk: the chair stops

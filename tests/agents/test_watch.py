@@ -24,9 +24,9 @@ def counts(file):
 @pytest.mark.parametrize(("form", "ending"), [("foxglove", ".mcap"), ("ros2", "")])
 def test_a_comparison_records_every_episode_once(form, ending, tmp_path, capsys):
     out, folder = tmp_path / "out", tmp_path / "runs"
-    arguments = ["compare", *SHORT, "--episodes", "2", "--out", str(out), "--format", form]
+    arguments = ["compare", *SHORT, "--episodes", "2", "--out", str(out)]
     assert main(arguments) == 0  # stored already, but not recorded
-    arguments += ["--record", str(folder)]
+    arguments += ["--record", str(folder), "--format", form]
     assert main(arguments) == 0
     files = sorted(folder.iterdir())
     assert [file.name for file in files] == [f"straight-empty-{k}{ending}" for k in range(2)]

@@ -18,7 +18,9 @@ const ENOUGH = 480; // pixels of height for map, message and stick
 const TRAIL = 3000; // points that are drawn
 
 export class DrivePage {
-  constructor(root, looks) {
+  /** @param {string} session its name at the server */
+  constructor(root, looks, session = "drive") {
+    this.session = session;
     this.looks = looks;
     this.on = build(root, document.getElementById("drive-page").innerHTML);
     this.view = new View(this.on.map, () => this.draw());
@@ -33,9 +35,6 @@ export class DrivePage {
     this.watch.observe(document.body);
     this.link = new Link(this.session, this.answers());
   }
-
-  /** The name of the session at the server. */
-  get session() { return "drive"; }
 
   /** What to do with each type of message. */
   answers() {
@@ -205,15 +204,16 @@ export class DrivePage {
     this.status();
   }
 
-  /** A single switch drives now. */
-  get switched() { return this.running && !this.paused && this.on.device.value === "switch"; }
+  /** A single switch drives now, and this page gets its presses. */
+  get switched() { return this.running && !this.paused && this.on.device.value === "switch" && !document.hidden && document.hasFocus(); }
 
   steer() {
     if (this.inputs.clicked() && this.switched) this.link.send("press");
-    if (!this.running || this.on.device.value === "switch") return;
-    const speed = Number(this.on.speed.value), { by, at } = this.inputs.deflection(), [forward, left] = at.map(one => one * speed);
+    const single = this.on.device.value === "switch";
+    if (!(single ? this.switched : this.running) || this.hidden) return; // nobody drives a chair that is not shown
+    const speed = Number(this.on.speed.value), { by, at } = single ? { by: "switch", at: [0, 0] } : this.inputs.deflection(), [forward, left] = at.map(one => one * speed);
     const moved = forward !== this.sent[0] || left !== this.sent[1];
-    if (!moved && !forward && !left) return;
+    if (!moved && !forward && !left && !single) return;
     const now = performance.now();
     if (!moved && now - this.sentAt < PERIOD - 5) return;
     this.sent = [forward, left];

@@ -23,8 +23,8 @@ export class PlanPage {
     this.link = new Link("plan", {
       planners: message => this.choose(message), choices: message => this.on.place.replaceChildren(...places(message.places)), map: message => this.take(message),
       planning: message => { this.planner = named("l", message.planner); this.banner(text("planning", this)); },
-      progress: state => { if (this.planner && state.kernel) this.banner(`${text("planning", this)}. ${text("compile_now", state)}`); }, plan: message => this.answer(message),
-      planned: () => this.planned(), growth: message => this.grow(message), saved: message => this.saved(message.files),
+      progress: state => { if (this.planner && state.kernel) this.banner(`${text("planning", this)}. ${text("compile_now", state)}`); },
+      plan: message => { this.answers.push(message); this.list(); this.draw(); }, planned: () => this.planned(), growth: message => this.grow(message), saved: message => this.saved(message.files),
       loading: ({ stage }) => this.banner(text(`load_${stage}`)),
       error: () => { this.planner = ""; this.on.plan.disabled = false; this.on.cancel.hidden = true; this.banner(""); }, lost: () => { this.on.plan.disabled = true; },
     });
@@ -174,12 +174,6 @@ export class PlanPage {
       planners, start: this.start, goal: this.goal, clearance: this.number(this.on.clearance, 0.36),
       deadline: this.number(this.on.deadline, 1), seed: Math.max(0, Math.trunc(this.number(this.on.seed, 0))),
     });
-  }
-
-  answer(message) {
-    this.answers.push(message);
-    this.list();
-    this.draw();
   }
 
   planned() {

@@ -10,7 +10,7 @@ const FEW = 11; // marks that stand in one row on any screen
 
 export class StudyPage extends DrivePage {
   constructor(root, looks) {
-    super(root, looks);
+    super(root, looks, "study");
     this.panel = make("section", { className: "panel" });
     root.prepend(this.panel);
     // The same speed for everybody, and nothing that names the condition; the device is chosen before a drive.
@@ -23,15 +23,16 @@ export class StudyPage extends DrivePage {
     this.stage(false);
   }
 
-  get session() { return "study"; }
   get backs() { return !this.protocol.blind && super.backs; } // a blind picture tells no command
 
   answers() {
     return {
       ...super.answers(), study: message => this.welcome(message), step: message => this.step(message), known: message => this.known(message),
       done: message => this.done(message), lost: () => this.reconnect(),
+      // A drive that is ready while the participant rests, or is asked something, waits.
+      world: message => { this.begin(message); if (this.hidden) this.link.send("pause", { on: true }); },
       ended: message => { this.running = false; this.result = message; this.buttons(); },
-      error: message => { if (!message.key) showError(text("not_done", message)); if (this.joining) this.later(() => this.join()); },
+      error: message => { if (!message.key) showError(text("not_done", message)); if (message.key === "deleted") this.ask(); else if (this.joining) this.later(() => this.join()); },
     };
   }
 
@@ -40,8 +41,6 @@ export class StudyPage extends DrivePage {
     by("language").closest("label").hidden = false;
     super.close();
   }
-
-  prepared(state) { this.ready = state.ready; }
 
   /** Do something in a second, unless the page is left before. */
   later(act) { clearTimeout(this.timeout); this.timeout = setTimeout(act, 1000); }
@@ -61,7 +60,7 @@ export class StudyPage extends DrivePage {
   }
 
   /** Show the world and the stick, or not. */
-  stage(shown) { this.on.map.closest(".page").hidden = !shown; }
+  stage(shown) { this.on.map.closest(".page").hidden = this.hidden = !shown; }
 
   /** Show a panel alone; in a step of the session, it has buttons to pause and to stop taking part. */
   show(html, then, inStep = false) {
@@ -90,6 +89,7 @@ export class StudyPage extends DrivePage {
   }
 
   ask() {
+    this.joining = false;
     sessionStorage.clear();
     this.show(
       `<h2 tabindex="-1">${escape(this.protocol.title)}</h2><form id="who"><label><span data-t="participant"></span>
@@ -120,6 +120,7 @@ export class StudyPage extends DrivePage {
 
   rest(on) {
     this.link.send("pause", { on });
+    if (!on && this.hidden && (this.running || this.waiting)) this.driving();
     if (this.running || !on) return;
     this.show(`<h2 tabindex="-1" data-t="resting"></h2>${button("go", "resume")}`, found => { found.go.onclick = () => this.rest(false); });
   }
@@ -130,13 +131,13 @@ export class StudyPage extends DrivePage {
   }
 
   withdraw() {
-    if (this.running) this.link.send("pause", { on: true });
+    const was = this.paused;
+    if (this.running && !was) this.link.send("pause", { on: true });
     this.decide("withdraw_sure", {}, "withdraw", "withdraw_no", yes => {
       if (yes) { this.link.send("withdraw"); return; }
-      if (!this.running) { this.step(this.due); return; }
-      this.link.send("pause", { on: false });
-      this.show(this.heading(this.due), null, true);
-      this.stage(true);
+      if (!this.running && !this.waiting) { this.step(this.due); return; }
+      if (!was) this.link.send("pause", { on: false });
+      this.driving();
     });
   }
 
@@ -158,7 +159,7 @@ export class StudyPage extends DrivePage {
   }
 
   step(step) {
-    this.joining = this.running = this.paused = false;
+    this.joining = this.running = this.paused = this.waiting = false;
     this.due = step;
     sessionStorage.setItem("participant", this.number);
     if (this.kept()?.step !== step.number) sessionStorage.removeItem("answers");
@@ -211,10 +212,16 @@ export class StudyPage extends DrivePage {
 
   drive() {
     showError("");
-    this.show(`${this.heading(this.due)}<p class="text">${escape(this.due.text[0])}</p>`, null, true);
-    this.stage(true);
+    this.driving();
     this.device();
     this.link.send("begin");
+  }
+
+  /** Show the drive that is under way, or is made ready. */
+  driving() {
+    this.show(`${this.heading(this.due)}<p class="text">${escape(this.due.text[0])}</p>`, null, true);
+    this.stage(true);
+    this.pausedNow(this.paused);
   }
 
   /** Answers of this tab that the server has not confirmed: step, values, and whether they were sent. */

@@ -225,8 +225,7 @@ export function drawWorld(view, world) {
 
 export function drawGoal(view, [x, y], tolerance) {
   const { goal } = view.colour, radius = Math.max(tolerance, 0.1);
-  view.disc(x, y, radius, goal, null, 0, 0.22);
-  view.disc(x, y, radius, null, goal, 2.5);
+  view.disc(x, y, radius, goal, goal, 2.5, 0.22);
   view.disc(x, y, 0.08, goal);
 }
 
@@ -251,8 +250,7 @@ const HEADING = [[0.92, 0], [0.45, 0.42], [0.56, 0], [0.45, -0.42]]; // of front
 export function drawChair(view, world, now) {
   const { chair, alarm, floor, asked, given } = view.colour, colour = now.contact ? alarm : chair;
   const front = Math.max(...world.outline.map(one => one[0])), half = Math.max(...world.outline.map(one => one[1]));
-  view.polygon(world.outline.map(one => placed(now.pose, one)), colour, null, 0, 0.6);
-  view.polygon(world.outline.map(one => placed(now.pose, one)), null, colour, 2.5);
+  view.polygon(world.outline.map(one => placed(now.pose, one)), colour, colour, 2.5, 0.6);
   view.polygon(HEADING.map(([ahead, left]) => placed(now.pose, [ahead * front, left * half])), floor);
   const [forward, , turn] = world.limits, [x, y, yaw] = now.pose;
   for (const [[v, w], hue] of [[[now.stick[0] * forward, now.stick[1] * turn], asked], [now.given, given]]) {

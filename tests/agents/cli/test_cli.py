@@ -1,11 +1,13 @@
 """The command: wrong input is one line and code 2; JSON on stdout stands alone."""
 
 import json
+import math
 import os
 import re
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +15,7 @@ import yaml
 from PIL import Image
 
 from agents.cli import COMMANDS, main, parser, train
-from agents.cli.arguments import changed, spec
+from agents.cli.arguments import changed, report, spec
 from agents.cli.compare import comparison_name, scenes_of
 from agents.control import FOLLOWERS
 from agents.evaluation.compare import SUITES
@@ -93,6 +95,11 @@ def test_wrong_words_are_named_in_one_line(words, says, tmp_path, monkeypatch, c
 def test_a_scene_of_a_suite_goes_by_its_label():
     (scene,) = scenes_of(["dock"], SUITES["skills"].scenes)
     assert scene["course"] == "dock"
+
+
+def test_a_figure_that_does_not_exist_is_null_in_json(capsys):
+    report(SimpleNamespace(json="-"), {"figures": [math.inf, {"angle": math.nan}]}, "")
+    assert json.loads(capsys.readouterr().out) == {"figures": [None, {"angle": None}]}
 
 
 def test_a_planner_that_finds_nothing_says_why(hall, capsys):

@@ -63,7 +63,8 @@ def test_a_person_drives_with_help_until_ctrl_c(served, tmp_path):
 def test_prompts_are_asked_for_and_recorded(served, tmp_path):
     file = tmp_path / "session.mcap"
     served.twin.faults.joystick = CENTRED
-    words = "--prompts", "--seconds", "4", "--record", str(file)
+    figures = tmp_path / "figures.json"
+    words = "--prompts", "--seconds", "4", "--record", str(file), "--json", str(figures)
     with closing(Program(*drive(served), *words)) as program:
         assert until(lambda: says(program, "must re-arm")), program.errors
         rearm_by_hand(served.twin.faults)
@@ -72,3 +73,11 @@ def test_prompts_are_asked_for_and_recorded(served, tmp_path):
     recorded = read_recording(file)[0]
     assert recorded.labels["prompts"] == schedule(0)
     assert not np.any([action for action in recorded.actions])
+    record = json.loads(figures.read_text())
+    assert (record["assistant"], record["agreement_angle"]) == (None, None)  # it stood
+    assert "assistant" not in recorded.labels
+    with closing(Program(*drive(served), "--seconds", "0")) as program:
+        assert until(lambda: says(program, "must re-arm")), program.errors
+        rearm_by_hand(served.twin.faults)
+        assert program.process.wait(PATIENCE) == 0, program.errors
+    assert "changed the stick's twist for 0 % of the time" in program.said[-1]

@@ -308,7 +308,7 @@ def test_after_a_touch_the_person_drives_it_free_by_hand():
 
 def test_a_stick_counts_once_it_was_centred():
     push, rest = (Stick(1.0, -0.5, False), ""), (Stick(0.0, 0.0, False), "")
-    stick = drive.PersonsStick(0.5, lambda: 0.0)
+    stick = drive.PersonsStick(0.5, lambda: 0.0, lambda: "")
     assert stick.read()[1] == NO_STICK
     given = iter([push, rest, push, (Stick(1.0, 0.0, False), NOT_HELD), push, rest, push])
     stick.source = SimpleNamespace(stick=lambda now: next(given))

@@ -175,10 +175,15 @@ def test_a_drive_is_repeated_as_the_protocol_says(tmp_path):
     ]  # fmt: skip
     for task, outcome in ended:
         assert session.next().task == task
+        if task == "task 0":
+            session.start()  # and it fails at its first step: that is no try
         session.start()
+        session.mark("paused")
         session.end(outcome, figures())
     assert session.next() is None
-    attempts = session.progress.attempts
+    kinds = [record["kind"] for record in read_chain(session.folder / "steps.jsonl")[0]]
+    assert kinds.count("resumed") == len(ended) - 1  # a step ends a pause
+    attempts = [one for one in session.progress.attempts if "time" in one["figures"]]
     assert [one["counts"] for one in attempts] == 3 * [False] + [True] + 2 * [False] + [True]
     assert len({one["world"] for one in attempts if one["practice"]}) == 4
     session.close()
@@ -205,6 +210,9 @@ def test_a_rule_stops_the_session(tmp_path, rule, outcomes):
     with pytest.raises(InputError, match="the session is over"):
         session.start()
     session.close()
+    path = session.folder / "steps.jsonl"
+    path.write_bytes(b"".join(path.read_bytes().splitlines(True)[:-1]))  # the power failed
+    Session(tmp_path, plan, 1).close()
     (one,) = read_folder(tmp_path)[1]
     assert (one.state, one.next()) == (State.STOPPED, None)
 
@@ -248,6 +256,7 @@ def test_groups_are_as_large_and_each_has_balanced_orders_of_its_conditions():
 def test_a_corrected_text_is_an_amendment_and_another_design_is_refused(tmp_path):
     plan = protocol(2, 1, questionnaires=(Questionnaire("trust", ("I feel save.",)),))
     Session(tmp_path, plan, 1).close()
+    assert [path.name for path in tmp_path.iterdir()] == ["protocol.json"]  # it was only typed
     better = dataclasses.replace(
         plan, consent="Yes.", questionnaires=(Questionnaire("trust", ("I feel safe.",)),)
     )
@@ -302,6 +311,13 @@ def test_everything_of_a_participant_is_deleted_and_the_number_is_not_used_again
         Session(tmp_path, plan, 2)
     assert "holds nothing of participant 2" in refusal([*words, "--yes"], capsys)
     assert output_of(["participants", "list", tmp_path], capsys).count("finished") == 1
+    empty = tmp_path / "participant_0003" / "steps.jsonl"  # of a program that was killed
+    empty.parent.mkdir()
+    empty.touch()
+    assert "holds nothing of participant 3" in refusal([*words[:-1], 3, "--yes"], capsys)
+    removed = patch("agents.people.folder._lock", lambda _: empty.unlink())  # by another program
+    with removed, pytest.raises(InputError, match="participant 3 is open in another"):
+        Session(tmp_path, plan, 3)
 
 
 @pytest.mark.parametrize("last", [[], [51], [True], [105], ["50"], [None]])

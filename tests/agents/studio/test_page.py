@@ -14,7 +14,7 @@ from agents.studio.catalogue import NO_HAND, NO_SIGHT, places
 from agents.studio.session import NOBODY, POLICIES
 from planners.registries import PLANNERS
 from tests.agents.studio.served import SCREENS, axe, browsing, cut_off, looked_at, serving, until
-from tests.conftest import output_of
+from tests.conftest import PATIENCE, output_of
 from tests.hardware.conftest import build_twin
 from wheelchair_gym.base.files import read_json
 from wheelchair_gym.people.drivers import DRIVERS
@@ -137,7 +137,8 @@ def test_a_gamepad_drives(page, begun):
     until(page, "!studio.running")
 
 
-def test_a_single_switch_drives_and_stops(page, begun):
+def test_a_single_switch_drives_and_stops(page, begun, monkeypatch):
+    monkeypatch.setattr("agents.studio.session.DEAD_MAN", PATIENCE)
     page.select_option("#device", "switch")
     page.fill("#period", "0.5")
     page.focus("#map")
@@ -157,6 +158,10 @@ def test_a_single_switch_drives_and_stops(page, begun):
     page.click("#switch")
     until(page, driven)
     assert page.evaluate("studio.running")
+    monkeypatch.undo()
+    page.evaluate("Object.defineProperty(document, 'hidden', {value: true, configurable: true})")
+    until(page, "studio.now.lit !== ''")  # a page that is not seen does not drive
+    page.evaluate("delete document.hidden")
     page.select_option("#device", "stick")
     page.keyboard.press("Escape")
 

@@ -196,7 +196,10 @@ def test_far_ends_are_the_first_and_last_place_with_room():
     assert far_ends(grid, "x") == (places[0].tolist(), places[-1].tolist())
 
 
-def test_a_place_is_planned_on_and_a_saved_map_is_driven_on(served):
+def test_a_place_is_planned_on_and_a_saved_map_is_driven_on(served, monkeypatch):
+    place = served.studio.places["scene:map_file"]
+    ours = place._replace(env={**place.env, "model": "rear"})  # as with --model
+    monkeypatch.setitem(served.studio.places, "scene:map_file", ours)
     with served.socket("plan") as socket:
         messages(socket, "map")
         send(socket, "place", place="scene:crowd", seed=3)
@@ -220,3 +223,4 @@ def test_a_place_is_planned_on_and_a_saved_map_is_driven_on(served):
         assert ["map:mine", "map", "mine"] in messages(socket, "choices")["places"]
         send(socket, "start", **START | {"place": "map:mine"})
         assert messages(socket, "world")["order"]["place"] == "map:mine"
+    assert served.studio.places["map:mine"].env == ours.env

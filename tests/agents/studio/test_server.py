@@ -278,11 +278,21 @@ def test_a_closed_page_stops_the_chair_and_its_drive_is_judged_the_same(served, 
     assert target.stat().st_size > 1000
 
 
-def test_a_silent_stick_counts_as_released(served, monkeypatch):
+@pytest.mark.parametrize("device", ["stick", "switch"])
+def test_a_silent_device_counts_as_released(served, monkeypatch, device):
     with served.socket() as socket:
+        send(socket, "device", name=device, scan_period=0.5)
         send(socket, "start", **{**START, "rate": 40})
         messages(socket, "world")
-        assert drive_for(socket, 0.6, 0.8)["twist"][0] > 0.1
+        if device == "switch":
+            send(socket, "stick", forward=0.0, left=0.0, by="switch")
+            while messages(socket, "picture")["lit"] != "forward":
+                pass
+            send(socket, "press")
+            while messages(socket, "picture")["twist"][0] < 0.1:
+                pass
+        else:
+            assert drive_for(socket, 0.6, 0.8)["twist"][0] > 0.1
         monkeypatch.undo()
         picture = first = messages(socket, "picture")
         while picture["twist"][0] > 0.02:

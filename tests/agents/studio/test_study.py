@@ -18,7 +18,7 @@ from websockets.exceptions import InvalidStatus
 from agents.cli import main
 from agents.evaluation.evaluate import without_labels
 from agents.evaluation.provenance import write_json
-from agents.people.folder import read_chain
+from agents.people.folder import delete, read_chain
 from agents.people.protocol import Condition, Protocol, Questionnaire, Task
 from agents.people.session import ABORTED, CUT_OFF, GIVEN_UP, Session, State, read_folder
 from agents.studio.experimenter import Desk
@@ -609,6 +609,54 @@ def test_answers_stay_in_the_page_until_they_are_stored(opened, cut):
     page.click("#yes")
     pages.until(page, "document.querySelector('[data-t=study_ended]')")
     assert of(served, number).state == State.WITHDRAWN
+
+
+def test_a_drive_that_is_ready_while_one_rests_waits_until_it_is_seen(opened, monkeypatch):
+    served, page = opened
+    ready, make = threading.Event(), StudySession._make
+    monkeypatch.setattr(StudySession, "_make", lambda *of: ready.wait(pages.PATIENCE) and make(*of))
+    enter(page, 26)
+    page.check("#agreed")
+    page.click("#go")
+    page.click("#go[data-t=begin_drive]")
+    pages.until(page, "studio.waiting")
+    page.click("#rest")
+    page.keyboard.down("ArrowLeft")
+    ready.set()
+    pages.until(page, "studio.paused && studio.now")
+    page.wait_for_timeout(300)
+    assert page.evaluate("studio.now.waits")
+    assert not page.is_visible("#map")
+    page.click("#go[data-t=resume]")
+    pages.until(page, "studio.now.twist[1] > 0.1")
+    assert page.is_visible("#map")
+    page.click("#rest")
+    pages.until(page, "studio.paused")
+    page.click("#withdraw")
+    page.click("#no")
+    page.keyboard.up("ArrowLeft")
+    page.wait_for_timeout(300)
+    assert page.evaluate("studio.paused")  # as before the question
+    assert page.inner_text("#rest") == "Go on"
+    page.keyboard.press("Escape")
+    page.click("#withdraw")
+    page.click("#yes")
+    pages.until(page, "document.querySelector('[data-t=study_ended]')")
+    (attempt,) = of(served, 26).attempts
+    assert (attempt["outcome"], attempt["figures"]["length"] < 0.1) == (GIVEN_UP, True)
+
+
+def test_a_tab_whose_participant_was_deleted_asks_for_another(opened):
+    served, page = opened
+    with closing(Session(served.studio.folder, served.studio.desk.protocol, 27)) as session:
+        session.consent()
+    delete(served.studio.folder, 27)
+    page.evaluate("sessionStorage.setItem('participant', 27)")
+    page.reload()
+    pages.until(page, "document.querySelector('#number')")
+    assert "27" in page.inner_text("#error")
+    page.wait_for_timeout(1500)
+    assert page.evaluate("!studio.joining && !sessionStorage.length")
 
 
 def test_the_environment_of_a_task_is_set_in_its_scene(tmp_path):

@@ -85,11 +85,6 @@ class LiveInput:
         """The command that a scan shows now, one of COMMANDS; empty: there is no scan."""
         return COMMANDS[self._state["scan"][0]] if self._state["scan"][0] > 0 else ""
 
-    @property
-    def active(self) -> str:
-        """The command of a scanning interface that is driven."""
-        return COMMANDS[self._state["active"][0]]
-
     def step(self, forward: float, left: float, yaw: float, near_goal: bool = False) -> Stick:
         """Return the interface's signal for the next control period.
 
