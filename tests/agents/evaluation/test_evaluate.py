@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 
 from agents.evaluation import evaluate as module
-from agents.evaluation.compare import COLUMNS, Suite, compare, markdown, write_report
+from agents.evaluation.compare import (
+    COLUMNS,
+    RESULTS,
+    Suite,
+    compare,
+    markdown,
+    side_by_side,
+    write_report,
+)
 from agents.evaluation.evaluate import STORE, evaluate, picture_name
 from agents.evaluation.metrics import TIMING
 from agents.evaluation.runs import read_store
@@ -115,6 +123,31 @@ def test_a_label_names_a_policy_in_its_film_too(tmp_path):
     made = compare(suite, tmp_path, progress=False)
     assert made["video"]["policy"] == "ahead"
     assert made["scenes"] == ["clinic"]
+
+
+def test_a_planner_that_finds_no_path_is_filmed_and_results_need_no_film(tmp_path, monkeypatch):
+    for name in ("GROWTH", "SWARM", "DRIVE"):
+        monkeypatch.setattr(f"agents.studies.plan_pictures.{name}", 12)
+    trees = {"short": {"iterations": 1}, "long": {"iterations": 400}}
+    whales = {"name": "rrt_star_woa_global+window"}
+    both = [whales | {"label": one, "planner": {"tree": tree}} for one, tree in trees.items()]
+    suite = Suite("Two", both, ("clutter",), 1, env=SHORT, film=(*trees,))
+    made = compare(suite, tmp_path, progress=False)
+    assert made["video"]["policy"] == "short, long"
+    lengths = [len(side_by_side([one], "clutter", 0, SHORT, 1000)[0]) for one in both]
+    assert lengths[0] < lengths[1]  # neither whales nor commands
+
+    def fails(*_):
+        raise ZeroDivisionError
+
+    monkeypatch.setattr("agents.evaluation.compare.film", fails)
+    for name in (RESULTS, "table.md", "report.html"):
+        (tmp_path / name).unlink()
+    with pytest.raises(ZeroDivisionError):
+        compare(suite, tmp_path, progress=False)
+    assert json.loads((tmp_path / RESULTS).read_text())["video"] is None
+    assert (tmp_path / "table.md").is_file()
+    assert (tmp_path / "report.html").is_file()
 
 
 def test_the_name_of_a_failures_picture_has_no_colon_and_no_space():
