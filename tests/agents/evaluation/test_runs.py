@@ -150,7 +150,9 @@ def test_an_edit_of_code_or_data_makes_other_runs_and_worlds(name, tmp_path, mon
     for text in ("", " "):
         file.write_text(text)
         source_digest.cache_clear()
-        found.append((source_digest(str(tmp_path)), world_banks._identity(env_settings({}), "test")))
+        found.append(
+            (source_digest(str(tmp_path)), world_banks._identity(env_settings({}), "test"))
+        )
     assert not set(found[0]) & set(found[1])
 
 
