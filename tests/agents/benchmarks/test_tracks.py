@@ -8,7 +8,9 @@ import os
 import socket
 import subprocess
 import sys
+from itertools import product
 from multiprocessing.connection import Connection
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +19,11 @@ from agents.benchmarks import tracks
 from agents.cli import main
 from agents.evaluation.evaluate import drive_episode, make_env
 from agents.policies import make_policy
+from agents.policies.delegated import Isolated
+from agents.policies.planned import Planned
+from agents.policies.scripted import StraightPolicy
 from tests.conftest import ROOT, long_but, output_of, refusal
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.types import Command, Shown
 
@@ -97,11 +103,14 @@ def driven(policy, steps=40):
 
 
 def test_a_policy_in_its_own_process_drives_as_it_does_in_this_one():
-    specs = "straight", {"name": "isolated", "policy": "straight"}
-    here, there = (driven(make_policy(spec), 4000) for spec in specs)
+    specs = "straight", {"name": "isolated", "policy": "straight"}, Isolated(StraightPolicy())
+    here, *there = (driven(make_policy(spec), 4000) for spec in specs)
     assert here["success"]
-    for key in tracks.FIGURES:
-        assert here[key] == there[key]
+    for key, other in product(tracks.FIGURES, there):
+        assert here[key] == other[key]
+    assert make_policy(Isolated(Planned()))
+    with pytest.raises(InputError, match="expected a name, or a mapping of plain values"):
+        make_policy(Isolated(SimpleNamespace(make=None)))
 
 
 def test_it_reaches_neither_the_environment_nor_the_key_of_its_world():
