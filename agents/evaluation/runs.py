@@ -26,14 +26,7 @@ from typing import Any, TypeVar
 from tqdm import tqdm
 
 from agents import StoppedError, is_interrupt
-from wheelchair_gym.base.files import (
-    LIMITS,
-    file_digest,
-    opened,
-    parse_json,
-    source_files,
-    write_error,
-)
+from wheelchair_gym.base.files import LIMITS, file_digest, opened, parse_json, sources, write_error
 from wheelchair_gym.base.registry import places_in, source_of
 from wheelchair_gym.base.settings import InputError, dump
 from wheelchair_gym.maps import map_files
@@ -71,7 +64,7 @@ def source_digest(*packages: str) -> str:
         every.append("configs/chairs")
     for package in packages or every:
         place = root / package
-        for path in source_files(place) if place.is_dir() else [place]:
+        for path in sources(place) if place.is_dir() else [place]:
             digest.update(path.read_bytes())
     return digest.hexdigest()
 

@@ -146,7 +146,7 @@ def file_digest(path: str | Path, limit: str = "weights") -> str:
 _SOURCES: Final = {".py", ".yaml", ".toml", ".json", ".c", ".h"}
 
 
-def source_files(package: Path) -> list[Path]:
+def sources(package: Path) -> list[Path]:
     """Return the files of code and of settings of a package, in order; those decide its results."""
     return sorted(path for path in package.rglob("*") if path.suffix in _SOURCES)
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.errors import shorten
-from wheelchair_gym.base.files import atomic_write, file_digest, source_files
+from wheelchair_gym.base.files import atomic_write, file_digest, sources
 from wheelchair_gym.base.registry import places_in, source_of
 from wheelchair_gym.base.settings import InputError, dump
 from wheelchair_gym.compiled.random import WORLDS, Split, bits, episode_key, uniform, world_seed
@@ -248,6 +248,6 @@ def _identity(settings: EnvSettings, split: Split) -> str:
     except TypeError:
         raise InputError("bank.cache needs a scene and a guidance that are given by name") from None
     digest = hashlib.sha256(text.encode())
-    for path in source_files(Path(__file__).resolve().parents[1]):
+    for path in sources(Path(__file__).resolve().parents[1]):
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
