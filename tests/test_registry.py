@@ -113,6 +113,13 @@ def test_every_kind_is_made_by_its_place(theirs):
         ({"name": "{0}:Policy", "sped": 1}, "'sped'; did you mean speed"),
         ("{0}:Policy+window", "has no method plan"),
         ("a_star+{0}:Policy", "no method make or twist"),
+        (
+            {"name": "a_star+window", "planner": {"name": "lattice"}},
+            r"a_star\+window\.planner\.name is 'lattice'; expected 'a_star', or none",
+        ),
+        ({"name": "a_star+window", "follower": {"name": "dwa"}}, r"follower\.name is 'dwa'"),
+        ({"name": "ppo_goal", "weights": "ppo_rear"}, "weights is 'ppo_rear'; expected 'ppo_goal'"),
+        ({"name": "a.zip", "file": "b.zip"}, r"file is 'b\.zip'; expected 'a\.zip'"),
     ],
 )
 def test_what_cannot_be_made_is_refused_in_one_line(theirs, spec, words):

@@ -23,7 +23,7 @@ from agents.benchmarks import entrants as contest
 from agents.evaluation.metrics import path_figures
 from agents.evaluation.plots import COLOURS, DASHES, LOOK, MARKS
 from agents.evaluation.provenance import command_line, machine, now, provenance, write_json
-from agents.evaluation.runs import compute, read_store, run_key, source_digest, stopped_by_ctrl_c
+from agents.evaluation.runs import compute, read_store, run_key, source_digest
 from agents.evaluation.statistics import share
 from agents.evaluation.tables import Cell, Column, Table
 from planners import Plan
@@ -324,7 +324,7 @@ class PlannerBenchmark:
             of = entrant.name, entrant.package, contest.settings_dump(entrant.config)
             cold = [COLD] if seed == seeds[0] else []
             for budget in [*cold, FREE, *(self.deadlines if entrant.timed else ())]:
-                key = run_key(source, cpu, *of, case.digest, seed, budget)
+                key = run_key(source, cpu, *of, case.name, case.digest, seed, budget)
                 self.jobs[key] = entrant, case, seed, budget
         self._settings = {
             "problems": "maps" if scenes else str(problems or drawn),
@@ -347,10 +347,7 @@ class PlannerBenchmark:
             StoppedError: Ctrl-C; the results hold what was made.
         """
         try:
-            with stopped_by_ctrl_c(
-                lambda: f"{len(self.records)} of {len(self.jobs)} runs are kept"
-            ):
-                compute(self.jobs, self._work, self.store, progress=progress)
+            compute(self.jobs, self._work, self.store, progress=progress)
         finally:
             write_json(self.file, self.result())
 

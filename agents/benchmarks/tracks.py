@@ -197,12 +197,16 @@ def read_result(path: Path) -> Record:
     digest = result.pop("digest")
     if digest != _digest(result):
         raise InputError(f"{path}: was changed since it was written: its digest differs")
+    track, machine, episodes = result["track"], result["machine"], result["episodes"]
+    if not (isinstance(track, str) and isinstance(machine, dict) and "cpu" in machine):
+        raise InputError(f"{path}: expected the name of a track, and a machine with its 'cpu'")
     try:
-        agrees = result | summary(result["episodes"]) == result
-        places = {(str(one["scene"]), int(one["seed"])) for one in result["episodes"]}
+        agrees = result | summary(episodes) == result
+        places = {(one["scene"], one["seed"]) for one in episodes}
+        agrees &= all(one.keys() >= {*FIGURES} and one["success"] in (0, 1) for one in episodes)
     except (ArithmeticError, KeyError, TypeError, ValueError):
         agrees, places = False, set()
-    if not agrees or len(places) < len(result["episodes"]):
+    if not agrees or len(places) < len(episodes):
         raise InputError(f"{path}: its figures are not those of its episodes, each once")
     return result
 

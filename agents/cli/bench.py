@@ -101,6 +101,9 @@ def planners(given: argparse.Namespace) -> int:
     file = given.resume or (
         given.json if given.json not in (None, "-") else f"{given.out}/planners.json"
     )
+    for path in filter(None, (file, given.json)):
+        if Path(path).suffix in (".jsonl", ".md"):
+            raise InputError(f"{path}: runs and tables end so; expected a name such as FILE.json")
     with one_core() as core:
         benchmark = PlannerBenchmark(
             ours, peers, given.problems, given.only, range(given.seeds), given.deadlines, file,

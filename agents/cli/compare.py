@@ -232,8 +232,9 @@ def _tuning_text(found: dict[str, Any]) -> str:
         lines.append(f"  {key} = {value:.4g}" if isinstance(value, float) else f"  {key} = {value}")
         lines[-1] += f" (was {found['before'][key]})"
     low, high = others["gain_interval"]
+    within = "no interval of one episode" if low is None else f"{low:+.4g} to {high:+.4g}"
     lines.append(
         f"on {others['episodes']} other episodes: {others['best']:.4g}, the current settings "
-        f"{others['before']:.4g}; gain {others['gain']:+.4g} ({low:+.4g} to {high:+.4g})"
+        f"{others['before']:.4g}; gain {others['gain']:+.4g} ({within})"
     )
     return "\n".join(lines)

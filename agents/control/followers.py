@@ -30,7 +30,6 @@ TIGHT = 0.5  # share of the margin: where less of it is left, the chair creeps
 CREEP = 0.1  # m/s: walking-stick speed
 STILL = 0.03  # m/s, rad/s: slower is at rest
 OFF, TURNED_OFF = 0.10, 0.15  # m, rad from the predicted pose; beyond, new commands are generated
-HOLD = 0.4  # s that a twist is held before the stop that must be clear: four periods at 10 Hz
 BACKWARD = 0.2  # m/s: fastest reverse speed of roll-outs; no sensor looks back
 SPEEDS = np.array([0.12, 0.25, 0.45, 0.7, 1.0])  # shares of the speed limit, in a fan
 TURNS = np.array([0.06, 0.14, 0.25, 0.4, 0.6, 0.8, 1.0])  # shares of the turn limit, in a fan
@@ -55,15 +54,20 @@ class Situation(NamedTuple):
         return rollout.LocalView(local_map.points, local_map.actors, reference)
 
     def first_clear(
-        self, twists: Iterable[Any], margin: float, hold: float = HOLD, creeps: bool = False
+        self, twists: Iterable[Any], margin: float, hold: float = rollout.HOLD, creeps: bool = False
     ) -> Array | None:
         """Return the first twist (2,) from which the chair can stop clear, at the widest margin.
 
-        A chair that creeps does so where little of the margin [m] is left. None: none is clear.
+        A twist beyond the limits is slowed: ahead it keeps its arc. A chair that creeps does so
+        where little of the margin [m] is left. None: none is clear.
         """
-        view, body, twists = self.view, self.chair.body, list(twists)
+        view, body, limits = self.view, self.chair.body, self.chair.limits
+        driven: list[tuple[float, float]] = []
+        for v, w in twists:
+            part = min(1.0, limits.turn / max(abs(w), 1e-9), limits.forward / max(v, 1e-9))
+            driven.append((max(part * v, -limits.backward), part * w))
         for less in self.local_map.margins(margin):
-            for v, w in twists:
+            for v, w in driven:
                 fits = not creeps or less >= TIGHT * margin or abs(v) <= CREEP
                 if fits and rollout.stops_clear(v, w, body, view, hold, less):
                     return np.array([v, w])
@@ -205,7 +209,7 @@ class FanFollower:
         def pick(margin: float, slow: bool) -> Array | None:
             some = allowed(fan, local_map, slow)
             costs = rollout.rollout_costs(some, body, view, margin, self._objective)
-            best = rollout.cheapest(some[:, 0], costs, body, view, HOLD, margin)
+            best = rollout.cheapest(some[:, 0], costs, body, view, rollout.HOLD, margin)
             return np.array(some[best, 0, :2]) if best >= 0 else None
 
         return relax_clearance(now, config.margin, pick)
@@ -266,7 +270,7 @@ class PathIntegralFollower:
             costs = np.append(mean_cost - config.temperature, costs)
             some = np.concatenate([mean, some])
             first = np.ascontiguousarray(some[:, 0])
-            best = rollout.cheapest(first, costs, body, view, HOLD, margin)
+            best = rollout.cheapest(first, costs, body, view, rollout.HOLD, margin)
             if best < 0:
                 return None
             self._mean = some[best, :, :2].copy()
@@ -358,7 +362,8 @@ class GeneratedControlsFollower:
         twists = [(share * v, share * w) for share in SHARES]
         twist = now.first_clear(twists, self.config.margin, 2 * chair.period, creeps=True)
         if twist is not None:
-            self._driven += SHARES[twists.index(tuple(twist))] * part * chair.period
+            nearest = int(np.abs(np.array(twists) - twist).sum(axis=1).argmin())
+            self._driven += SHARES[nearest] * part * chair.period
         return twist
 
     def _generate(self, now: Situation) -> None:

@@ -18,9 +18,10 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from agents.control.rollout import stopping_distance
 from planners.smoothing.shortcut import subdivided
 from wheelchair_gym.base.arrays import Array, Mask
-from wheelchair_gym.geometry.kinematics import odometric_step
+from wheelchair_gym.geometry.kinematics import Limits, odometric_step
 from wheelchair_gym.geometry.outline import Footprint, clearance_to_points
 from wheelchair_gym.geometry.planar import to_frame, to_world, wrap_angle
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, open_floor
@@ -31,7 +32,7 @@ from wheelchair_gym.safety import Shield, ShieldSettings
 from wheelchair_gym.sensors.settings import LaserSettings
 from wheelchair_gym.types import Mission, Reading
 
-REACH = 2.4  # m: a chair at 0.8 m/s sweeps less than this before it can rest
+REACH = 2.4  # m: a chair with default limits sweeps less than this before it can rest
 VOXEL = 0.04  # m: hits within one voxel become their mean, which also averages noise
 CLOSE = 1.3  # m: beyond, voxels are twice as large
 MEMORY = 15.0  # s for which a hit is remembered out of sight
@@ -41,9 +42,9 @@ LIVELY = 3.0  # s for which the hits of somebody who stands are remembered out o
 SETTLE = 3.0  # s over which the pose estimate corrects the wheel counts, so that it never jumps
 
 
-def sampled_walls(walls: Array, spacing: float = 0.05) -> Array:
-    """Points (k, 2) [m] along walls (n, 4), ends included, at most `spacing` apart."""
-    return np.concatenate([subdivided(walls, spacing), walls[:, 2:]])
+def sampled_walls(walls: Array) -> Array:
+    """Points (k, 2) [m] along walls (n, 4), ends included, at most 5 cm apart."""
+    return np.concatenate([subdivided(walls, 0.05), walls[:, 2:]])
 
 
 def voxel_means(points: Array, size: float) -> Array:
@@ -97,6 +98,9 @@ class LocalMap:
         self.blind, self.looks_back = False, mission.sensors.looks_back
         self._laser = mission.sensors.laser
         self.outline = mission.footprint.array
+        # m: faster chairs, and those that brake less, sweep more than `REACH`.
+        more = stopping_distance(mission.limits) - stopping_distance(Limits())
+        self._reach = REACH + max(0.0, more)
         self.set_walls(grid)
         self._tracker = Tracker(laser=self._laser)
         # A map that the chair draws shows actors as well: nothing would stand out against it.
@@ -154,9 +158,9 @@ class LocalMap:
         laser = self._laser
         ranges = np.asarray(reading.laser[: laser.beams], dtype=np.float64)
         ranges = np.where(ranges < laser.range_min, laser.range_min, ranges)  # or nearer
-        near = ranges < DRAWN_RANGE  # false for NaN
+        near = ranges < max(DRAWN_RANGE, self._reach + laser.x)  # false for NaN
         seen = self._beams[near] * ranges[near, None] + (laser.x, laser.y)
-        static = ranges[near] < REACH + laser.x
+        static = ranges[near] < self._reach + laser.x
         self._track(reading)
         moving = near_discs(seen, self.actors)
         if self._known is not None:
@@ -175,7 +179,7 @@ class LocalMap:
         )
         recent = self._memory[self._memory[:, 2] > reading.stamp]
         old = to_frame(recent[:, :2], self._odometry)
-        within = np.all(np.abs(old) < REACH, axis=1)
+        within = np.all(np.abs(old) < self._reach, axis=1)
         hidden = (np.abs(bearings(old, laser)) > 0.5 * laser.fov) & within
         for other, _ in self._more:
             hidden &= (np.abs(bearings(old, other)) > 0.5 * other.fov) | (
@@ -215,7 +219,7 @@ class LocalMap:
         ranges = np.asarray(reading.laser[at], dtype=np.float64)
         ranges = np.where(np.isneginf(ranges), laser.range_min, ranges)
         origin = np.array([laser.x, laser.y])
-        near = ranges < REACH + math.hypot(laser.x, laser.y)  # false for NaN
+        near = ranges < self._reach + math.hypot(laser.x, laser.y)  # false for NaN
         hits: Array = origin + laser.directions[near] * ranges[near, None]
         return hits[~near_discs(hits, self.actors)]
 
@@ -223,7 +227,7 @@ class LocalMap:
         """Points of mapped walls within reach; selected anew every half metre of way."""
         if np.abs(self.pose[:2] - self._near).max() > 0.5:
             self._near = self.pose[:2].copy()
-            near = (np.abs(self._walls - self._near) < REACH + 0.5).all(axis=1)
+            near = (np.abs(self._walls - self._near) < self._reach + 0.5).all(axis=1)
             self._near_walls = self._walls[near]
         return self._near_walls
 

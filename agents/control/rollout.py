@@ -28,6 +28,8 @@ TURN_LENGTH = 0.4  # m per rad: about the mean lever of the outline about the dr
 # Two steps exist: with the control generator's 0.05 s a fan of twists takes 2.5 times as long. The
 # ramps of the twist are the same; here the pose follows the twist at the end of a step.
 STEP = 0.1  # s
+HOLD = 0.4  # s that a twist is held before the stop that must be clear: four periods at 10 Hz
+BRAKING = 4.0  # s of that stop, at most; with default limits it takes half of this
 SPEED_CLEARANCE = 0.06  # s: the outline keeps this share of its speed clear, as the shield does
 SLOW = 0.1  # m/s: and only above this speed
 GENTLE = 0.4  # m/s: slower, people have the time to step back
@@ -45,6 +47,12 @@ PREDICTION_TIME = 2.0  # s, until which one of the two will have moved aside
 X, Y, YAW, S = range(4)  # columns of a reference path
 # Columns of actors, after X and Y: of `LocalMap.actors`.
 VX, VY, RADIUS, PLACE_VAR, COVARIANCE, SPEED_VAR = 2, 3, 4, 5, 6, 7
+
+
+def stopping_distance(limits: Limits) -> float:
+    """Return a bound [m] of the way that a twist held for `HOLD` and its stop take, ahead."""
+    speed, braking = limits.forward, limits.deceleration
+    return speed * (HOLD + min(BRAKING, 0.5 * (speed / braking + braking / limits.jerk)))
 
 
 class Body(NamedTuple):
@@ -131,15 +139,16 @@ def stops_clear(
 ) -> bool:
     """Whether a twist, held for `hold` seconds and then braked, keeps the margin until rest.
 
-    An actor is where it is predicted, or stops where it is now: in motion the chair comes to
-    neither nearer than it would be if it stood.
+    A chair that does not come to rest within `BRAKING` s does not. An actor is where it is
+    predicted, or stops where it is now: in motion the chair comes to neither nearer than it would
+    be if it stood.
     """
     x, y, yaw = 0.0, 0.0, 0.0
     limits, footprint, actors = body.limits[0], body.footprint, view.actors
     sv, av, sw, aw = body.state[0], body.state[1], body.state[2], body.state[3]
     held = round(hold / STEP)
     lever = math.hypot(max(footprint[0], footprint[1]), footprint[2])
-    for k in range(held + 40):
+    for k in range(held + round(BRAKING / STEP)):
         if k == held:
             v, w = 0.0, 0.0
         sv, av, sw, aw = approach_twist(sv, av, sw, aw, v, w, limits, STEP)
@@ -160,8 +169,8 @@ def stops_clear(
             peak_speed(sv, av, limits.jerk) < 0.02 and peak_speed(0.0, aw, limits.turn_jerk) < 0.05
         )
         if k >= held and still and ends:
-            break
-    return True
+            return True
+    return False
 
 
 @kernel

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from agents.control import followers
-from agents.control.rollout import Body, LocalView, S, cheapest, rollout_cost, start_row
+from agents.control.rollout import HOLD, Body, LocalView, S, cheapest, rollout_cost, start_row
 from agents.control.tight_places import ManoeuvreTracker
 from planners.rrt_star_woa.woa import WhaleParameters, WhaleSettings, move, new_whales, tell
 from wheelchair_gym.base.arrays import Array
@@ -104,7 +104,7 @@ class WhaleCommands:
                 some, lower, upper, body, view, margin, self._objective,
                 config.whales.parameters, self._state,
             )  # fmt: skip
-            best = cheapest(tried, costs, body, view, followers.HOLD, margin)
+            best = cheapest(tried, costs, body, view, HOLD, margin)
             if best < 0:
                 return None
             self._best = tried[best]

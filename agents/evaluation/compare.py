@@ -394,12 +394,14 @@ def compare(
     if (folder / RESULTS).exists():  # then a film there is of another comparison
         for suffix in FILMS:
             (folder / f"{FILM}{suffix}").unlink(missing_ok=True)
-    if what.video and records:
-        evaluation["video"] = film(what, evaluation, folder)
-    evaluation["provenance"]["wall_time_s"] = round(time.perf_counter() - begun, 2)
-    write_json(folder / RESULTS, evaluation)
-    write_text(folder / "table.md", markdown(evaluation))
-    write_report(evaluation, folder)
+    try:
+        if what.video and records:
+            evaluation["video"] = film(what, evaluation, folder)
+    finally:  # the results are there without a film, too
+        evaluation["provenance"]["wall_time_s"] = round(time.perf_counter() - begun, 2)
+        write_json(folder / RESULTS, evaluation)
+        write_text(folder / "table.md", markdown(evaluation))
+        write_report(evaluation, folder)
     return evaluation
 
 
@@ -427,7 +429,8 @@ def side_by_side(
 ) -> tuple[list[Any], float]:
     """Pictures of the policies' drives, every n-th control period, and the time between two [s].
 
-    The plan of a policy whose whales shorten a path comes first. Several drives have titles.
+    A policy whose whales shorten a path plans first, see `PlanPictures.of_drive`. Several drives
+    have titles.
     """
     parts = [_pictures(policy, scene, seed, env) for policy in policies]
     before = max(len(planned) for planned, _, _ in parts)
@@ -435,7 +438,8 @@ def side_by_side(
     columns = []
     for policy, (planned, driven, _) in zip(policies, parts, strict=True):
         drive = driven + driven[-1:] * (after - len(driven))
-        pictures = (planned or driven[:1] * before) + drive[::periods]
+        still = (planned[-1:] or driven[:1]) * (before - len(planned))
+        pictures = planned + still + drive[::periods]
         titled = (with_legend(picture, [], label(policy)) for picture in pictures)
         columns.append([*titled] if len(parts) > 1 else pictures)
     return [np.hstack(row) for row in zip(*columns, strict=True)], periods * parts[0][2]

@@ -221,7 +221,7 @@ def _kind(policy: Spec, scene: Spec) -> str:
 
 def picture_name(policy: Spec, scene: Spec, seed: int) -> str:
     """Return the path of a failed episode's picture in its folder; valid on every system."""
-    name = re.sub("[ :]", "_", f"{label(policy)}-{label(scene)}-{seed}")
+    name = re.sub(r"[^\w.,+-]", "_", f"{label(policy)}-{label(scene)}-{seed}")
     return f"pictures/{name}.png"
 
 

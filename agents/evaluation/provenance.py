@@ -25,12 +25,18 @@ TREES = ("wheelchair_gym", "planners", "agents", "configs")  # of code that figu
 
 
 def git(*arguments: str) -> str | None:
-    """Output of git for this checkout; None outside a repository, or where git fails."""
-    root = Path(__file__).resolve().parents[2]
+    """Output of git for this checkout; None outside a repository, or where git fails.
+
+    An installed copy may lie in the repository of another project, which does not track it.
+    """
+    own = Path(__file__).resolve()
     with suppress(OSError, subprocess.SubprocessError):
-        return subprocess.run(
-            ["git", *arguments], cwd=root, capture_output=True, text=True, timeout=10, check=True
-        ).stdout.strip()
+        for asked in (("ls-files", "--error-unmatch", own), arguments):
+            ran = subprocess.run(
+                ["git", *asked], cwd=own.parents[2], capture_output=True, text=True, timeout=10,
+                check=True,
+            )  # fmt: skip
+        return ran.stdout.strip()
     return None
 
 

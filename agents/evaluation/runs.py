@@ -26,7 +26,7 @@ from typing import Any, TypeVar
 from tqdm import tqdm
 
 from agents import StoppedError, is_interrupt
-from wheelchair_gym.base.files import LIMITS, file_digest, opened, parse_json, write_error
+from wheelchair_gym.base.files import LIMITS, file_digest, opened, parse_json, sources, write_error
 from wheelchair_gym.base.registry import places_in, source_of
 from wheelchair_gym.base.settings import InputError, dump
 from wheelchair_gym.maps import map_files
@@ -53,15 +53,18 @@ def stopped_by_ctrl_c(text: Callable[[], str]) -> Iterator[None]:
 
 @cache
 def source_digest(*packages: str) -> str:
-    """Digest of the code of packages or files, of all the project's without any name.
+    """Digest of the code and data of packages or files, of all the project's without any name.
 
-    Records of other code are not reused.
+    Records of other code, or of other data beside it, are not reused.
     """
     root = Path(__file__).resolve().parents[2]
     digest = hashlib.sha256()
-    for package in packages or ("wheelchair_gym", "planners", "agents"):
+    every = ["wheelchair_gym", "planners", "agents"]
+    if (root / "configs").is_dir():  # a wheel holds it in wheelchair_gym
+        every.append("configs/chairs")
+    for package in packages or every:
         place = root / package
-        for path in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
+        for path in sources(place) if place.is_dir() else [place]:
             digest.update(path.read_bytes())
     return digest.hexdigest()
 

@@ -38,12 +38,14 @@ Judge = Callable[[Spec, Sequence[int]], Scores]  # of settings on seeds: one sco
 
 
 def covers(distribution: distributions.BaseDistribution, value: Any) -> bool:
-    """Whether a distribution has a value."""
+    """Return True if a distribution can draw a value; true and false are no numbers."""
     if isinstance(distribution, distributions.CategoricalDistribution):
-        return value in distribution.choices
+        choices = [(isinstance(one, bool), one) for one in distribution.choices]
+        return (isinstance(value, bool), value) in choices
     number = isinstance(value, int | float) and not isinstance(value, bool)
+    whole = isinstance(distribution, distributions.IntDistribution)
     bounds: Any = distribution
-    return number and bounds.low <= value <= bounds.high
+    return number and bounds.low <= value <= bounds.high and not (whole and value % 1)
 
 
 def read_range(text: str) -> tuple[str, distributions.BaseDistribution]:
@@ -153,16 +155,24 @@ def tune(
         The content of trials.csv and best.json, and the scores on other episodes.
 
     Raises:
-        InputError: a setting is unknown, or the folder holds another search.
+        InputError: a setting is unknown, a range lacks its current value, or the folder holds
+            another search.
         StoppedError: Ctrl-C; the same call resumes.
     """
     current = all_settings(spec)
     before = {key: value_at(current, key) for key in ranges}
+    for key, each in ranges.items():
+        if not covers(each, before[key]):
+            raise InputError(
+                f"--vary {key}: the range lacks the current value {before[key]!r}, which the first "
+                "trial has; expected a range with it (integer bounds give integers), or a policy "
+                "FILE.json:NAME with a value in the range"
+            )
     asked = {key: value for key, value in vars(judge).items() if key not in EXECUTION}
     where = {key: distributions.distribution_to_json(each) for key, each in ranges.items()}
     what = runs.run_key(runs.source_digest(), spec, where, list(seeds), seed, asked)
     study = _study(folder, what)
-    if not study.trials and all(covers(each, before[key]) for key, each in ranges.items()):
+    if not study.trials:
         study.enqueue_trial(before)
     with runs.stopped_by_ctrl_c(lambda: f"{len(_done(study))} of {trials} trials are done"):
         with tqdm(total=trials, disable=not progress, unit="trial") as bar:
@@ -240,7 +250,7 @@ def _result(
     tuned = with_values(named(spec), best.params)
     name = str(tuned.pop("name"))
     new, old = (np.array(judge(s, others)) for s in ({"name": name, **tuned}, spec))
-    gain, *gain_interval = statistics.mean_interval(new - old)
+    _, *interval = statistics.mean_interval(new - old)  # NaN of a single episode
     provenance.write_json(folder / "best.json", {name: tuned})
     rows = [
         {"trial": trial.number, "score": trial.value, "state": trial.state.name.lower()}
@@ -257,7 +267,7 @@ def _result(
             "episodes": len(new),
             "before": float(old.mean()),
             "best": float(new.mean()),
-            "gain": gain,
-            "gain_interval": gain_interval,
+            "gain": float(np.mean(new - old)),
+            "gain_interval": [*map(tables.json_value, interval)],
         },
     }

@@ -192,9 +192,11 @@ def _named(name: str, values: dict[str, Any]) -> Any:
     from planners import PLANNERS
 
     if name in shipped() | shipped(SHIPPED_ASSISTANTS) or name.endswith((".npz", ".onnx")):
-        return load(POLICIES["learned"], {"weights": name, **values}, f"policy {name}")
+        _refuse_another(name, "weights", values.get("weights", name), name)
+        return load(POLICIES["learned"], values | {"weights": name}, f"policy {name}")
     if name.endswith(".zip"):
-        return load(POLICIES["sb3"], {"file": name, **values}, f"policy {name}")
+        _refuse_another(name, "file", values.get("file", name), name)
+        return load(POLICIES["sb3"], values | {"file": name}, f"policy {name}")
     if name in POLICIES.places or (is_place(name) and not hasattr(imported(name), "plan")):
         return POLICIES.make({"name": name, **values})
     planner, plus, follower = name.partition("+")
@@ -213,6 +215,13 @@ def _named(name: str, values: dict[str, Any]) -> Any:
         if not isinstance(part, Mapping):
             raise InputError(f"policy {name}.{key} is {part!r}; expected an object of settings")
         if chosen or part:
-            part = {**DRIVING.get(chosen, {}), **part}
-            values[key] = {**part, "name": chosen or part.get("name", "window")}
+            used = chosen or part.get("name", "window")
+            _refuse_another(name, f"{key}.name", part.get("name", used), used)
+            values[key] = {**DRIVING.get(chosen, {}), **part, "name": used}
     return load(POLICIES["planned"], values, f"policy {name}")
+
+
+def _refuse_another(policy: str, key: str, given: Any, name: str) -> None:
+    """Refuse a setting that names something else than the policy's own name does."""
+    if given != name:
+        raise InputError(f"policy {policy}.{key} is {shorten(given)}; expected {name!r}, or none")

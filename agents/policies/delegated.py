@@ -10,6 +10,7 @@ import pickle
 import signal
 import traceback
 import weakref
+from collections.abc import Mapping
 from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import Any, Final
@@ -18,8 +19,9 @@ import numpy as np
 
 from agents.people import make_assistant
 from agents.people.assistant import AssistMission
-from agents.policies import checked, make_policy, settings_of
-from wheelchair_gym.base.settings import InputError, setting, settings
+from agents.policies import checked, kind_of, make_policy, settings_of
+from wheelchair_gym.base.errors import shorten
+from wheelchair_gym.base.settings import InputError, dump, setting, settings
 from wheelchair_gym.types import Command, Mission, Reading, Shown
 
 
@@ -73,8 +75,20 @@ class Isolated:
         settings_of(self.policy)  # which refuses what is wrong
 
     def make(self) -> IsolatedDriver:
-        """A fresh policy, whose process starts with its first episode."""
-        return IsolatedDriver(self.policy)
+        """A fresh policy, whose process starts with its first episode.
+
+        Raises:
+            InputError: the policy is settings of another package, which its process cannot get.
+        """
+        spec = self.policy
+        if not isinstance(spec, str | Mapping) and (name := kind_of(spec)):
+            spec = {"name": name, **dump(spec)}
+        try:
+            return IsolatedDriver(json.dumps(spec, sort_keys=True))
+        except TypeError:
+            raise InputError(
+                f"isolated.policy is {shorten(spec)}; expected a name, or a mapping of plain values"
+            ) from None
 
 
 class IsolatedDriver:
@@ -88,8 +102,8 @@ class IsolatedDriver:
         RuntimeError: the policy failed, its process ended, or it took longer than `LONGEST`.
     """
 
-    def __init__(self, spec: Any) -> None:
-        self._spec = json.dumps(spec, sort_keys=True)
+    def __init__(self, spec: str) -> None:
+        self._spec = spec  # JSON
         self._begin()
 
     def _begin(self) -> None:

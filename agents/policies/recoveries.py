@@ -133,7 +133,7 @@ class Spin:
 
     def twist(self, now: Situation) -> Array | None:
         """The next twist (2,); once, the other way around where one is blocked; None: both are."""
-        self.turned += SPIN_RATE * now.chair.period
+        self.turned += min(SPIN_RATE, now.chair.limits.turn) * now.chair.period
         twist = now.first_clear([(0.0, self._rate)], MARGIN)
         if twist is None and not self._reversed:
             self._rate, self._reversed = -self._rate, True

@@ -90,7 +90,7 @@ class Sb3Model:
             )
         boxes = {"observations": space} if flat else dict(space.spaces)
         expected = {key: box.shape for key, box in boxes.items()}
-        if "laser" in expected and not env.sensors.more_lasers:
+        if len(expected.get("laser") or ()) == 1 and not env.sensors.more_lasers:
             task = dataclasses.replace(env.task, beams=expected["laser"][0])
             env = dataclasses.replace(env, task=task)
         guidance = make_guidance(env.guidance)
@@ -150,7 +150,8 @@ class _Network:
 
 
 def _text(shapes: Mapping[str, Any]) -> str:
-    return ", ".join(f"{key} {shape[0]}" for key, shape in shapes.items())
+    sizes = {key: " x ".join(map(str, shape or ())) for key, shape in shapes.items()}
+    return ", ".join(f"{key} {size or '(no array)'}" for key, size in sizes.items())
 
 
 def _algorithm(path: Path) -> tuple[Any, dict[str, Any] | None]:

@@ -262,13 +262,18 @@ class PlanPictures:
 
     @classmethod
     def of_drive(cls, driver: PlannedDriver, mission: Mission, **more: Any) -> PlanPictures:
-        """The pictures of the plan with which a policy begins an episode on a given map."""
+        """Return the pictures of a plan to a policy's goal from its start, on a given map.
+
+        Planner, clearance and seed are those of the policy's own plan. That has other random draws
+        where the policy tried several clearances, or ends, before.
+        """
         assert mission.map is not None
         space, start = Space.from_grid(mission.map), np.asarray(mission.reading.pose)
         drawn = Drawn.of(Problem(space, start, driver.goal, driver.answer.clearance))
         seed, planner = (driver.config.seed, mission.key), make_planner(dict(driver.config.planner))
         plan = planner.plan(drawn.problem, np.random.default_rng(seed))
-        return cls(drawn, planner, plan, seed, controls_of(drawn, plan, 0), **more)
+        made = controls_of(drawn, plan, 0) if len(plan.path) > 1 else None
+        return cls(drawn, planner, plan, seed, made, **more)
 
     @cached_property
     def _name(self) -> str | None:

@@ -236,7 +236,9 @@ FORMAT = 1
 def study_jobs(study: Study, runs: int) -> dict[tuple[str, str, int], tuple[str, dict[str, Any]]]:
     """(row, stratum, seed) -> the key of the run and its job; equal runs of rows have one key."""
     # A record depends on this code alone, not on how it is tested or drawn.
-    source = source_digest("wheelchair_gym", "planners", "agents/studies/experiments.py")
+    modules = "evaluation/metrics", "evaluation/tables", "studies/experiments", "studies/model"
+    own = (f"agents/{module}.py" for module in modules)
+    source = source_digest("wheelchair_gym", "planners", *own)
     found = {}
     for row in study.rows:
         for stratum, job in row.jobs.items():

@@ -3,7 +3,7 @@
 import numpy as np
 
 from tests.sensors.test_laser import brute_force
-from wheelchair_gym.geometry.kinematics import approach_twist, arc_step
+from wheelchair_gym.geometry.kinematics import Limits, approach_twist, arc_step
 from wheelchair_gym.geometry.planar import to_world
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
@@ -32,14 +32,15 @@ def scan(pose, walls, laser):
 class PaperWorld:
     """A mission, and readings that follow the actions of a policy; `seen` is the latest."""
 
-    def __init__(self, grid, start, goal, period=0.1):
+    def __init__(self, grid, start, goal, period=0.1, **limits):
         self.sensors = SensorSettings(laser=LaserSettings(beams=BEAMS))
         self.walls = grid.walls()
         self.pose, self.state, self.time = np.array(start, float), np.zeros(4), 0.0
         self.seen = self.reading()
+        chair = ChairSettings(limits=Limits(**limits))
         self.mission = Mission(
             map=grid, reading=self.seen, goal=np.array(goal, float), tolerance=0.3,
-            time_limit=60.0, period=period, chair=ChairSettings(), sensors=self.sensors,
+            time_limit=60.0, period=period, chair=chair, sensors=self.sensors,
             shield=None, is_shielded=False, key=7,
         )  # fmt: skip
 

@@ -143,6 +143,14 @@ def file_digest(path: str | Path, limit: str = "weights") -> str:
     return _digest(path, modified(path), limit)
 
 
+_SOURCES: Final = {".py", ".yaml", ".toml", ".json", ".c", ".h"}
+
+
+def sources(package: Path) -> list[Path]:
+    """Return the files of code and of settings of a package, in order; those decide its results."""
+    return sorted(path for path in package.rglob("*") if path.suffix in _SOURCES)
+
+
 def read_text(path: str | Path, limit: str = "text", errors: str = "strict") -> str:
     """Read a text file within one of `LIMITS`; `errors` is that of `bytes.decode`.
 

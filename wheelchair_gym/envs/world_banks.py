@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.errors import shorten
-from wheelchair_gym.base.files import atomic_write, file_digest
+from wheelchair_gym.base.files import atomic_write, file_digest, sources
 from wheelchair_gym.base.registry import places_in, source_of
 from wheelchair_gym.base.settings import InputError, dump
 from wheelchair_gym.compiled.random import WORLDS, Split, bits, episode_key, uniform, world_seed
@@ -227,7 +227,7 @@ _SEEN = (
 
 
 def _identity(settings: EnvSettings, split: Split) -> str:
-    """A name for all that a bank's worlds depend on, this code included."""
+    """A name for all that a bank's worlds depend on, the package's code and data included."""
     task = dump(settings.task)
     named = {
         "scene": dump(settings.scene),
@@ -250,6 +250,6 @@ def _identity(settings: EnvSettings, split: Split) -> str:
     except TypeError:
         raise InputError("bank.cache needs a scene and a guidance that are given by name") from None
     digest = hashlib.sha256(text.encode())
-    for path in sorted(Path(__file__).resolve().parents[1].rglob("*.py")):
+    for path in sources(Path(__file__).resolve().parents[1]):
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]

@@ -109,6 +109,12 @@ def test_results_say_all_and_resume_computes_nothing_twice(problems, ghost, tmp_
     assert '"numpy_ghost"' in (out / "planners.jsonl").read_text()
     assert {row["planner"] for row in less["rows"]} == {"rrt_connect", "visibility"}
     capsys.readouterr()
+    store = out / "planners.jsonl"
+    before = store.read_bytes()
+    for more in (("--json", store), ("--resume", out / "planners.json", "--json", store)):
+        bench("--problems", problems, *more, out=tmp_path / "no", code=2)
+        assert "planners.jsonl: runs and tables end so" in capsys.readouterr().err
+    assert store.read_bytes() == before
     another = "--json", tmp_path / "other.json"
     bench("--problems", problems, "--resume", out / "planners.json", *another, out=tmp_path / "no")
     for file in (out / "planners.json", tmp_path / "other.json"):
@@ -140,6 +146,14 @@ def test_a_first_path_is_that_of_a_run_that_ends_with_it(problems):
     cut = make_planner({"name": "rrt_star", "return_on_first_path": True})
     plan = cut.plan(case.problem, np.random.default_rng(0))
     assert record["first_path_length_m"] == plan.length
+
+
+def test_equal_problems_of_two_names_are_two_problems(ghost, tmp_path):
+    twins = json_file(tmp_path / "twins.json", [OPEN, OPEN | {"name": "twin"}])
+    bench("--problems", twins, out=tmp_path)
+    result = json.loads((tmp_path / "planners.json").read_text())
+    numbers = {(row["planner"], row["problem"]): row["runs"] for row in result["rows"]}
+    assert all(numbers["rrt_connect", name] == 1 for name in ("open", "twin"))
 
 
 def test_a_crash_of_one_planner_ends_nothing(problems, tmp_path, monkeypatch):

@@ -8,7 +8,9 @@ import os
 import socket
 import subprocess
 import sys
+from itertools import product
 from multiprocessing.connection import Connection
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +19,11 @@ from agents.benchmarks import tracks
 from agents.cli import main
 from agents.evaluation.evaluate import drive_episode, make_env
 from agents.policies import make_policy
+from agents.policies.delegated import Isolated
+from agents.policies.planned import Planned
+from agents.policies.scripted import StraightPolicy
 from tests.conftest import ROOT, long_but, output_of, refusal
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.types import Command, Shown
 
@@ -97,11 +103,14 @@ def driven(policy, steps=40):
 
 
 def test_a_policy_in_its_own_process_drives_as_it_does_in_this_one():
-    specs = "straight", {"name": "isolated", "policy": "straight"}
-    here, there = (driven(make_policy(spec), 4000) for spec in specs)
+    specs = "straight", {"name": "isolated", "policy": "straight"}, Isolated(StraightPolicy())
+    here, *there = (driven(make_policy(spec), 4000) for spec in specs)
     assert here["success"]
-    for key in tracks.FIGURES:
-        assert here[key] == there[key]
+    for key, other in product(tracks.FIGURES, there):
+        assert here[key] == other[key]
+    assert make_policy(Isolated(Planned()))
+    with pytest.raises(InputError, match="expected a name, or a mapping of plain values"):
+        make_policy(Isolated(SimpleNamespace(make=None)))
 
 
 def test_it_reaches_neither_the_environment_nor_the_key_of_its_world():
@@ -198,20 +207,22 @@ def test_the_worlds_of_a_track_are_those_of_its_version(name):
         assert track.found_digest() == track.digest
 
 
-@pytest.mark.parametrize("change", ["twice", "no success", "none"])
-def test_episodes_that_do_not_add_up_are_refused(change, tmp_path):
+def test_episodes_that_do_not_add_up_are_refused(tmp_path, capsys):
     """Also where the digest is that of the changed file."""
     result, path = tracks.run("straight", "tiny", tmp_path, progress=False)
-    if change == "twice":
-        result["episodes"].append(result["episodes"][0])
-        result |= tracks.summary(result["episodes"])
-    elif change == "no success":
-        del result["episodes"][0]["success"]
-    else:
-        result["episodes"] = []
-    path.write_text(json.dumps(result | {"digest": tracks._digest(result)}))
-    with pytest.raises(ValueError, match="are not those of its episodes, each once"):
-        tracks.read_result(path)
+    first, *others = result["episodes"]
+    twice = [first, first, *others]
+    lacking = [{k: v for k, v in first.items() if k != key} for key in ("success", "outcome")]
+    wrong = [first | {"success": "yes"}, first | {"scene": ["empty"]}, "empty"]
+    changes = [{"episodes": twice} | tracks.summary(twice), {"episodes": []}, {"episodes": 3}]
+    changes += [{"episodes": [one, *others]} for one in (*lacking, *wrong)]
+    parts = [{"machine": 5}, {"machine": {}}, {"track": ["tiny"]}, {"track": 5}]
+    for change in changes + parts:
+        changed = result | change
+        path.write_text(json.dumps(changed | {"digest": tracks._digest(changed)}))
+        said = refusal(["benchmark", "verify", path, "--quiet"], capsys)
+        words = "are not those of its episodes, each once"
+        assert ("expected the name of a track" if change in parts else words) in said, change
 
 
 def test_a_file_of_settings_is_a_policy_and_a_few_episodes_are_for_development(tmp_path, capsys):

@@ -8,6 +8,7 @@ from agents.control.followers import Objective, Situation
 from agents.control.local_map import LocalMap, sampled_walls, voxel_means
 from agents.control.rollout import ChairState, ReferencePath
 from agents.policies import make_policy
+from agents.policies.recoveries import Spin
 from agents.policies.search import Search
 from planners.problem import Plan, Status
 from tests.agents.fakes import PaperWorld, corridor
@@ -25,10 +26,10 @@ NOBODY = np.empty((0, 8))
 SURE = (1e-3, 0.0, 1e-4)  # variances of an actor that is known well
 
 
-def body(v):
+def body(v, **limits):
     """A chair that drives straight on at a speed."""
-    state = np.array([v, 0.0, 0.0, 0.0])
-    return rollout.Body(state, state[[0, 2]], np.array([Limits().record]), Footprint().array)
+    state, record = np.array([v, 0.0, 0.0, 0.0]), Limits(**limits).record
+    return rollout.Body(state, state[[0, 2]], np.array([record]), Footprint().array)
 
 
 @pytest.mark.parametrize("follower", SOUND)
@@ -120,6 +121,43 @@ def test_a_twist_that_could_not_stop_is_refused():
         x = 0.70 + distance
         near = rollout.LocalView(np.array([[x, 0.0, x]]), NOBODY, np.zeros((2, 4)))
         assert rollout.stops_clear(0.8, 0.0, fast, near, 0.4, 0.05) is clear
+    slow = body(0.8, deceleration=0.1)  # from the end of the roll-out on it would drive 1 m more
+    assert not rollout.stops_clear(0.8, 0.0, slow, near, 0.4, 0.05)
+    assert rollout.stops_clear(0.2, 0.0, body(0.2, deceleration=0.1), near, 0.4, 0.05)
+
+
+def situation(world):
+    """What a follower gets at the start of a straight path."""
+    mission = world.mission
+    reference = ReferencePath(np.array([world.pose[:2], mission.goal[:2]]), world.pose)
+    chair = ChairState(mission.limits, mission.footprint, mission.period)
+    return Situation(LocalMap(mission), reference, chair)
+
+
+def test_a_twist_is_tested_as_the_chair_drives_it():
+    """Beyond the limits it is slowed on its arc, and in reverse to the limit."""
+    world = PaperWorld(corridor(), (1.0, 0.0, 0.0), (7.0, 0.0, 0.0), turn=0.05, backward=0.02)
+    now = situation(world)
+    asked = {(0.4, 0.5): (0.04, 0.05), (1.6, 0.0): (0.8, 0.0), (-0.05, -0.5): (-0.005, -0.05),
+             (-0.05, 0.0): (-0.02, 0.0), (0.2, 0.01): (0.2, 0.01)}  # fmt: skip
+    for twist, driven_twist in asked.items():
+        np.testing.assert_allclose(now.first_clear([twist], 0.05), driven_twist)
+    spin = Spin()
+    spin.begin(world.pose, world.mission.goal)
+    assert abs(spin.twist(now)[1]) == 0.05
+    assert spin.turned == pytest.approx(0.05 * world.mission.period)
+
+
+def test_a_faster_chair_sees_as_far_as_it_needs_to_stop():
+    for limits, seen in (({}, False), ({"forward": 2.0}, True)):
+        world = PaperWorld(corridor(), (1.0, 0.0, 0.0), (7.0, 0.0, 0.0), **limits)
+        world.walls = np.concatenate([world.walls, [[5.2, -0.8, 5.2, 0.8]]])  # 3.5 m off its front
+        world.drive(np.zeros(2))
+        local_map = LocalMap(world.mission)
+        local_map.update(world.seen)
+        x, y = local_map.points[:, 0], local_map.points[:, 1]
+        assert (np.abs(x - 4.2) + np.abs(y) < 0.2).any() == seen
+        assert rollout.stopping_distance(world.mission.limits) > 3.5 or not seen
 
 
 def test_room_beside_a_wall_is_slow_room():

@@ -1,12 +1,14 @@
 """Evaluation: what is stored is not computed again, workers change nothing, every key is real."""
 
 import json
+import subprocess
 
 import numpy as np
 import pytest
 
 from agents.evaluation import evaluate as module
-from agents.evaluation.compare import COLUMNS, Suite, compare, markdown, write_report
+from agents.evaluation import provenance
+from agents.evaluation.compare import COLUMNS, RESULTS, Suite, compare, markdown, write_report
 from agents.evaluation.evaluate import STORE, evaluate, picture_name
 from agents.evaluation.metrics import TIMING
 from agents.evaluation.runs import read_store
@@ -117,9 +119,53 @@ def test_a_label_names_a_policy_in_its_film_too(tmp_path):
     assert made["scenes"] == ["clinic"]
 
 
-def test_the_name_of_a_failures_picture_has_no_colon_and_no_space():
+def test_a_planner_that_finds_no_path_is_filmed_and_results_need_no_film(tmp_path, monkeypatch):
+    for name in ("GROWTH", "SWARM", "DRIVE"):
+        monkeypatch.setattr(f"agents.studies.plan_pictures.{name}", 12)
+    trees = {"short": {"iterations": 1}, "long": {"iterations": 400}}
+    whales = {"name": "rrt_star_woa_global+window"}
+    both = [whales | {"label": one, "planner": {"tree": tree}} for one, tree in trees.items()]
+    suite = Suite("Two", both, ("clutter",), 1, env=SHORT, film=(*trees,))
+    made = compare(suite, tmp_path, progress=False)
+    assert made["video"]["policy"] == "short, long"  # the first has neither whales nor commands
+
+    def fails(*_):
+        raise ZeroDivisionError
+
+    monkeypatch.setattr("agents.evaluation.compare.film", fails)
+    for name in (RESULTS, "table.md", "report.html"):
+        (tmp_path / name).unlink()
+    with pytest.raises(ZeroDivisionError):
+        compare(suite, tmp_path, progress=False)
+    assert json.loads((tmp_path / RESULTS).read_text())["video"] is None
+    assert (tmp_path / "table.md").is_file()
+    assert (tmp_path / "report.html").is_file()
+
+
+def test_the_name_of_a_failures_picture_is_one_of_a_file_in_its_folder():
     scene = {"name": "map_file", "label": "plan, mcl"}
     assert picture_name("mine:Policy", scene, 3) == "pictures/mine_Policy-plan,_mcl-3.png"
+    assert picture_name({"label": r"../a\b?*"}, "c+d", 3) == "pictures/.._a_b__-c+d-3.png"
+
+
+def test_an_installed_copy_has_no_commit_of_the_repository_that_it_lies_in(tmp_path, monkeypatch):
+    own = tmp_path / "site-packages" / "agents" / "evaluation" / "provenance.py"
+    own.parent.mkdir(parents=True)
+    own.touch()
+    (tmp_path / "agents").mkdir()
+    (tmp_path / "agents" / "a.py").touch()
+
+    def git(*words):
+        who = ("-c", "user.name=n", "-c", "user.email=e")
+        subprocess.run(["git", *who, *words], cwd=tmp_path, check=True, capture_output=True)
+
+    monkeypatch.setattr(provenance, "__file__", str(own))
+    git("init")
+    for tracked in ("agents", "."):
+        git("add", tracked)
+        git("commit", "-m", "x")
+        found = provenance.provenance()
+        assert (found["commit"] is None) == (found["trees"]["agents"] is None) == (tracked != ".")
 
 
 OPTIONAL = {"kinds", "authority"}  # older results have none; drives without a person have none

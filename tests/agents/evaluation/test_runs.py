@@ -10,7 +10,7 @@ import pytest
 from joblib._parallel_backends import LokyBackend
 
 from agents import StoppedError
-from agents.evaluation.runs import compute, read_store, run_key
+from agents.evaluation.runs import compute, read_store, run_key, source_digest
 from tests.agents.evaluation import runs_work as work
 from tests.conftest import ROOT, until
 from wheelchair_gym.base.settings import InputError
@@ -139,6 +139,20 @@ def test_an_edited_map_is_another_one(tmp_path):
         grid = make_scene(scene).sample(np.random.default_rng(0)).map
         bank = world_banks._identity(env_settings(None, scene=scene), "test")
         found.append((run_key(scene), bank, int((grid.cells == OCCUPIED).sum())))
+    assert not set(found[0]) & set(found[1])
+
+
+@pytest.mark.parametrize("name", ["a.py", "data/a.yaml", "a.toml", "a.json", "a.c", "a.h"])
+def test_an_edit_of_code_or_data_makes_other_runs_and_worlds(name, tmp_path, monkeypatch):
+    monkeypatch.setattr(world_banks, "__file__", str(tmp_path / "envs" / "world_banks.py"))
+    file, found = tmp_path / name, []
+    file.parent.mkdir(exist_ok=True)
+    for text in ("", " "):
+        file.write_text(text)
+        source_digest.cache_clear()
+        found.append(
+            (source_digest(str(tmp_path)), world_banks._identity(env_settings({}), "test"))
+        )
     assert not set(found[0]) & set(found[1])
 
 

@@ -9,7 +9,7 @@ from optuna.distributions import CategoricalDistribution, FloatDistribution, Int
 from agents import StoppedError
 from agents.cli.arguments import spec
 from agents.evaluation.evaluate import evaluate
-from agents.evaluation.tuning import Drives, read_range, tune, value_at
+from agents.evaluation.tuning import Drives, covers, read_range, tune, value_at
 from agents.policies import make_policy
 from tests.conftest import output_of
 from wheelchair_gym.base.settings import InputError, with_values
@@ -109,10 +109,26 @@ def test_more_trials_go_on_and_another_search_is_refused(once, tmp_path):
 
 
 def test_settings_that_do_not_go_together_are_no_trials(tmp_path):
-    wrong = {"follower.lookahead": CategoricalDistribution((0.6, -1.0))}
+    wrong = {"follower.lookahead": CategoricalDistribution((0.45, 0.6, -1.0))}
     found = tune(NAME, wrong, Judge(), SEEDS, OTHERS, trials=6, folder=tmp_path, progress=False)
     assert found["best"]["settings"] == {"follower.lookahead": 0.6}
     assert "fail" in (tmp_path / "trials.csv").read_text()
+
+
+@pytest.mark.parametrize(
+    ("what", "value"),
+    [("a=1:3", 1.5), ("a=1:3", 4), ("a=0.5:3", None), ("a=0,1", True), ("a=true,false", 1)],
+)
+def test_a_range_without_the_current_value_is_refused_before_any_trial(what, value, tmp_path):
+    _, each = read_range(what)
+    assert not covers(each, value)
+    assert covers(each, each.choices[0] if what.count(",") else 2.0)
+    with pytest.raises(InputError, match=r"lookahead: the range lacks the current value 0\.45"):
+        tune(
+            NAME, {"follower.lookahead": each}, Judge(), SEEDS, OTHERS, trials=2,
+            folder=tmp_path / "none", progress=False,
+        )  # fmt: skip
+    assert not (tmp_path / "none").exists()
 
 
 def test_policies_are_judged_by_driving(tmp_path):
@@ -131,9 +147,14 @@ def test_policies_are_judged_by_driving(tmp_path):
     assert 0.2 < found["others"]["best"] <= 1.0
 
 
-def test_the_command_says_what_it_found(tmp_path, capsys):
-    words = f"tune {NAME} --vary follower.lookahead=0.5:2.0 --trials 2 --episodes 2 --scenes empty"
-    said = output_of([*words.split(), "--jobs", "1", "--quiet", "--out", tmp_path], capsys)
+@pytest.mark.parametrize("episodes", [1, 2])
+def test_the_command_says_what_it_found(episodes, tmp_path, capsys):
+    words = f"tune {NAME} --vary follower.lookahead=0.4:2.0 --trials 2 --episodes {episodes}"
+    more = ["--scenes", "empty", "--jobs", "1", "--quiet", "--out", tmp_path]
+    said = output_of([*words.split(), *more], capsys)
     assert "the best of 2 trials" in said
-    assert "on 2 other episodes" in said
+    assert f"on {episodes} other episodes" in said
+    found = json.loads(output_of([*words.split(), *more, "--json", "-"], capsys))["others"]
+    assert found["gain"] == pytest.approx(found["best"] - found["before"])
+    assert (None in found["gain_interval"]) == ("no interval" in said) == (episodes == 1)
     assert NAME in json.loads((tmp_path / "best.json").read_text())

@@ -1,7 +1,10 @@
 """Models of stable-baselines3 as policies: they observe and act as in training, or are refused."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from gymnasium.spaces import Box, Dict, Discrete
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers import RescaleAction
 from stable_baselines3 import A2C, PPO, SAC
@@ -62,7 +65,7 @@ def test_a_model_acts_as_in_training(algorithm, make, settings, tmp_path, capsys
         observation, *_ = env.step(action)
 
 
-def test_what_was_trained_otherwise_is_refused_in_one_line(tmp_path, capsys):
+def test_what_was_trained_otherwise_is_refused_in_one_line(tmp_path, capsys, monkeypatch):
     file = tmp_path / "model.zip"
 
     def saved(venv, save=save_model):
@@ -83,6 +86,14 @@ def test_what_was_trained_otherwise_is_refused_in_one_line(tmp_path, capsys):
     assert "assumed: trained at 5 Hz, without wrappers and" in capsys.readouterr().err
     with pytest.raises(InputError, match="holds the settings of its training; expected no"):
         make_policy({"name": saved(one(**OTHER)), "trained_in": OTHER})
+    for mode in (Discrete(3), Box(0.0, 1.0, ()), Dict({"a": Discrete(3)}), Box(0.0, 1.0, (2, 3))):
+        spaces = NavigationEnv("clutter", beams=16).observation_space.spaces
+        network = SimpleNamespace(observation_space=Dict({**spaces, "laser": mode}))
+        monkeypatch.setattr(PPO, "load", lambda *_, network=network, **__: network)
+        words = "laser 2 x 3" if mode.shape == (2, 3) else r"laser \(no array\)"
+        with pytest.raises(InputError, match=f"{words}.*; expected the settings of its training"):
+            make_policy(str(file))
+    monkeypatch.undo()
     rescaled = DummyVecEnv([lambda: RescaleAction(NavigationEnv("clutter", beams=16), -1, 1)])
     stacked = VecFrameStack(one(beams=16), 2)
     for venv, name in ((rescaled, "RescaleAction"), (stacked, "VecFrameStack")):
