@@ -65,3 +65,21 @@ def test_it_goes_on_only_when_nothing_holds_it():
     assert stops.waited == 3.0
     assert stops.update(9.0, []) == ["goes on"]
     assert stops.waited == 0.0
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        ("the laser is silent", "the second laser is silent"),
+        ("/scan is late: 0.3 s", "/odom is late: 0.3 s"),
+        (BOARD.format("RESET"), BOARD.format("RESET|UNDER_VOLTAGE")),
+        (BOARD.format("NEW_FAULT"), BOARD.format("OTHER_FAULT")),
+    ],
+)
+def test_reasons_of_one_row_are_told_apart(first, second):
+    stops = causes.StopMonitor()
+    assert len(stops.update(0.0, [first])) == 1
+    assert stops.update(1.0, [first + " (0.4 s)"]) == []
+    assert stops.update(2.0, [first, second])[0].startswith(f"stands: {second}; ")
+    assert stops.why == f"{first}; {second}"
+    assert stops.update(3.0, [second]) == [f"no longer: {first}; still stands: {second}"]

@@ -238,5 +238,7 @@ def test_what_is_no_wall_is_refused():
         fit_wall(np.empty((0, 2)))
     with pytest.raises(ValueError, match="no flat wall"):
         fit_wall(seen(2.0, 0.0, noise=0.2))
+    with pytest.raises(ValueError, match="no flat wall"):
+        fit_wall(np.concatenate([seen(1.0, 0.0), seen(5.0, 0.0)]))
     with pytest.raises(ValueError, match="turned by"):
         fit_wall(seen(2.0, 0.8, noise=0.0))

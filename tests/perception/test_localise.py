@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from agents.policies import GymPolicy, make_policy
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.geometry.planar import to_world, wrap, wrap_angle
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.perception.localized_chair import LocalizedChair
@@ -189,3 +190,16 @@ def test_nowhere_to_be_is_an_error():
     solid = OccupancyGrid(np.full((4, 4), 100, np.int8), 0.05)
     with pytest.raises(ValueError, match="no free cell"):
         MonteCarloLocalizer(LocalizationSettings(), LASER).start(solid, np.zeros(3), 0)
+
+
+def test_misuse_is_named_and_changes_nothing(home):
+    localiser, seen = MonteCarloLocalizer(LocalizationSettings(), LASER), np.ones(LASER.beams)
+    localiser.start(home.map, home.start, 0)
+    for increment, ranges, said in (
+        ([np.nan, 0.0, 0.0], seen, "three finite numbers"),
+        ([0.0, 0.0], seen, "three finite numbers"),
+        ([0.0, 0.0, 0.0], seen[:10], r"shape \(10,\)"),
+    ):
+        with pytest.raises(InputError, match=said):
+            localiser.update(np.array(increment), ranges)
+    assert np.isfinite(localiser.poses).all()

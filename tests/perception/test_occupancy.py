@@ -122,6 +122,8 @@ def test_a_map_grows_and_keeps_what_it_knew():
     pose = tour()[0]
     known.integrate(occupancy.read_scan(LASER, ranges(pose)), pose)
     before = known.to_grid()
+    with pytest.raises(InputError):  # and a map that may not grow stays as it is
+        known.grow_to((1e9, 1e9), 1.0)
     known.grow_to([(-30.0, 10.0), (3.0, -20.0)], 1.0)
     after = known.to_grid()
     for value in (FREE, OCCUPIED):

@@ -108,6 +108,14 @@ def test_slam_beats_odometry_in_a_floor_plan_with_all_noise():
     assert np.degrees(turn) < 1.5
 
 
+def test_a_trajectory_begins_at_the_pose_given_without_a_scan():
+    slam = Slam(LASER, SlamSettings(particles=2), pose=(1.0, 2.0, 0.0))
+    for scan in (None, np.full(LASER.beams, np.nan), ranges(tour()[0])):
+        slam.update((0.1, 0.0, 0.0), scan)
+    np.testing.assert_allclose(slam.trajectory[:2], [(1.1, 2.0, 0.0), (1.2, 2.0, 0.0)])
+    assert abs(slam.trajectory[2, 0] - 1.3) < 0.05
+
+
 @pytest.mark.parametrize(
     "wrong",
     [

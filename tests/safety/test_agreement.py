@@ -173,20 +173,24 @@ def test_somebody_who_left_does_not_block_a_hall_for_ever():
 def test_an_ultrasonic_that_tells_nothing_of_walls_is_found(ranger, told, fault):
     """It hears none, or repeats one range, up to its noise, wherever the chair is."""
     chair, shield, found, noise = SimulatedChair(), Shield(), [], np.random.default_rng(0)
+
+    def failed(reading):
+        ultrasonic = reading.ultrasonic.copy()
+        if not math.isnan(ultrasonic[ranger]):
+            ultrasonic[ranger] = told + noise.normal(0.0, 0.01)
+        return reading._replace(ultrasonic=ultrasonic)
+
     for fails in (False, True):
         shield.reset()
         reading = chair.reset(box(3.0, (1.0, 0.0, 0.0)), 2)
         for k in range(500):
-            ultrasonic = reading.ultrasonic.copy()
-            if fails and not math.isnan(ultrasonic[ranger]):
-                ultrasonic[ranger] = told + noise.normal(0.0, 0.01)
             twist = np.array([0.3 if k % 35 < 9 else -0.3, 0.5 if k > 300 else 0.0])
-            reading = step(chair, shield, twist, reading._replace(ultrasonic=ultrasonic))
+            reading = step(chair, shield, twist, failed(reading) if fails else reading)
         found.append(shield.latched)
     assert found == ["", f"ultrasonic {fault}"]
     for _ in range(20):  # at rest it cannot be heard again: a person decides
         shield.rearm()
-        reading = step(chair, shield, np.zeros(2), reading)
+        reading = step(chair, shield, np.zeros(2), failed(reading))
     assert shield.latched == ""
 
 

@@ -17,8 +17,9 @@ from wheelchair_gym.safety import Shield, ShieldSettings
 from wheelchair_gym.safety.decision import _BLOCK
 from wheelchair_gym.safety.grid import place_of_cell
 from wheelchair_gym.safety.memory import last_rows
-from wheelchair_gym.safety.state import CELLS, KEPT, NEARBY, POINT, REASONS, SAMPLES
-from wheelchair_gym.sensors.settings import FaultSettings, SensorSettings
+from wheelchair_gym.safety.shield import filter_twist
+from wheelchair_gym.safety.state import CELLS, KEPT, NEARBY, POINT, POINTS, REASONS, SAMPLES
+from wheelchair_gym.sensors.settings import FaultSettings, LaserSettings, SensorSettings
 from wheelchair_gym.sim.chair import SimulatedChair
 from wheelchair_gym.sim.settings import BodySettings, ChairSettings
 from wheelchair_gym.sim.state import DECEITS
@@ -237,6 +238,51 @@ def test_of_more_than_it_remembers_the_last_is_kept():
     assert rows["x"][0] == 40
 
 
+@pytest.mark.parametrize("beams", [1081, 2161, 4321, 20000])
+def test_of_a_scan_with_more_edges_than_fit_nothing_ahead_is_lost(beams):
+    """Rods everywhere beside a wall that loses its echo in the middle, and a post before it."""
+    sensors, rng = SensorSettings(laser=LaserSettings(beams=beams)), np.random.default_rng(0)
+    shield, at = Shield(sensors=sensors), sensors.laser.angles
+    post = np.argmin(np.abs(at - 0.3))  # of a single beam
+    unheard = np.full(sensors.ultrasonic.columns, np.nan, np.float32)
+    for k in range(24):
+        ranges = 2.0 / np.cos(at) + rng.normal(0.0, 0.01, beams)
+        ranges[post] = 1.2
+        rods = rng.uniform(0.8, 3.4, beams)
+        ranges = np.where(np.abs(at) > 0.8, rods, ranges)
+        ranges[(np.abs(at) < 0.05) & (k > 20)] = np.inf
+        scan = ranges.astype(np.float32)
+        told = Reading(STILL, STILL, scan, unheard, unheard + np.inf, False, 24.0, 0.1 * k)
+        shield.filter(STILL, told._replace(pose=np.zeros(3)))
+    state, laser = shield.state[0], sensors.laser
+    x, y = (state["points"][name][: state["n_points"]] - start
+            for name, start in (("x", laser.x), ("y", laser.y)))  # fmt: skip
+    for angle in np.linspace(-0.75, 0.75, 31):
+        far = 1.2 if abs(angle - 0.3) < 1e-9 else 2.0 / math.cos(angle)
+        off = np.hypot(x - far * math.cos(angle), y - far * math.sin(angle)).min()
+        assert off < (0.05 if far == 1.2 else 0.10), angle
+
+
+def test_after_a_reset_nothing_of_an_earlier_run_is_left():
+    """In an empty hall, where no later scan replaces it."""
+    chair, shield, reading = begin(box(60.0), 1)
+    shield.state.view(np.uint8)[:] = 1
+    shield.reset()
+    fresh = Shield()
+    for _ in range(20):
+        np.testing.assert_array_equal(shield.filter(AHEAD, reading), fresh.filter(AHEAD, reading))
+        reading = chair.drive(shield.decision.given)
+    assert chair.truth.twist[0] > 0.3
+
+
+def test_a_twist_that_is_not_finite_is_refused_and_never_driven():
+    _, shield, reading = begin(box(5.0), 1)
+    for twist in ((np.nan, 0.0), (0.5, np.nan), (np.inf, 0.0)):
+        with pytest.raises(ValueError, match="expected two finite numbers"):
+            shield.filter(np.array(twist), reading)
+        assert filter_twist(0, shield.pointers.record, *twist)[:2] == (0.0, 0.0)
+
+
 FAULTS = [name for name in REASONS if name.endswith(("silent", "frozen"))]
 
 
@@ -343,6 +389,20 @@ def test_a_lone_ghost_and_an_echo_that_a_laser_explains_change_nothing():
     # Beside a wall a wide cone hears it all the time.
     trace, _, _ = drive((-4.0, 4.45, 0.0), (0.5, 0.0), 6.0)
     assert {decision.reason for decision, _ in trace} == {""}
+
+
+def test_glass_beside_it_is_no_frozen_ultrasonic():
+    """Oblique rangers hear it at one range all along; the laser sees through it."""
+    chair, shield, reading = begin(box(6.0, (-5.0, 4.8, 0.0)), 1)
+    for _ in range(160):
+        _, y, yaw = chair.truth.pose
+        left = np.maximum(np.sin(LaserSettings().angles + yaw), 1e-9)
+        behind = y + 0.66 * math.sin(yaw) + reading.laser * left > 5.8
+        laser = np.where(behind, np.float32(np.inf), reading.laser)
+        reading = step(chair, shield, np.array([0.5, 0.0]), reading._replace(laser=laser))
+        assert shield.latched == ""
+    assert np.nanmin(reading.ultrasonic[[4, 6]]) < 1.3
+    assert chair.truth.pose[0] > 0.0
 
 
 def test_a_failed_sensor_of_the_simulation_is_what_the_shield_latches():
@@ -480,6 +540,7 @@ def test_an_empty_scan_is_believed_where_the_last_thing_in_view_was_passed():
 
 def test_workspaces_hold_whole_blocks_of_points():
     """Points are padded to blocks, which would else be written behind the arrays."""
-    for points in (NEARBY["x"], NEARBY["y"], NEARBY["moving_x"], NEARBY["moving_y"]):
+    near = (NEARBY[name] for name in ("x", "y", "moving_x", "moving_y"))
+    for points in (*near, POINTS["x"]):
         assert points.shape[0] % _BLOCK == 0
     assert NEARBY["out_x"].shape[0] >= SAMPLES

@@ -434,7 +434,14 @@ class MonteCarloLocalizer:
 
         Returns:
             The pose (3,) [m, m, rad].
+
+        Raises:
+            InputError: an increment that is not three finite numbers, or a scan of another length.
         """
+        if increment.shape != (3,) or not np.isfinite(increment).all():
+            raise InputError(f"increment is {increment!r}; expected three finite numbers")
+        if ranges.shape != (beams := len(self._directions),):
+            raise InputError(f"a scan has shape {ranges.shape}; expected ({beams},)")
         particles = self._particles
         x, y, turn = increment.tolist()
         way = x * math.cos(0.5 * turn) + y * math.sin(0.5 * turn)

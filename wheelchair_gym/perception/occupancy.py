@@ -339,21 +339,20 @@ class OccupancyMap:
         low = np.floor((places.min(axis=0) - margin - self.corner) / step).astype(np.int64)
         high = np.ceil((places.max(axis=0) + margin - self.corner) / step).astype(np.int64)
         (x0, y0), (x1, y1) = used = self._used
-        self._used = np.stack([np.minimum(used[0], low), np.maximum(used[1], high)])
         minimum = np.maximum(_CHUNK, np.array([cols, rows]) // 3)
         before = np.where(low < 0, np.maximum(-low, minimum), 0)  # cols, rows
         after = high - (cols, rows)
         after = np.where(after > 0, np.maximum(after, minimum), 0)
-        if not (before.any() or after.any()):
-            return
         width, height = (before + after + (cols, rows)).tolist()
         if layers * width * height > _MAXIMUM:
             raise InputError(
                 f"the map would have {layers} x {height} x {width} cells of {step} m; "
                 f"expected at most {_MAXIMUM} in all"
             )
+        self._used = np.stack([np.minimum(used[0], low), np.maximum(used[1], high)]) + before
+        if not (before.any() or after.any()):
+            return
         self.corner = self.corner - before * step
-        self._used += before
         x, y = before
         grown = []
         for old in self.layers:  # what was never written costs neither time nor memory
@@ -515,6 +514,8 @@ def fit_wall(echoes: Array) -> Wall:
         raise ValueError("the laser sees no wall ahead: face a flat one")
     x, y = echoes.T
     near = np.abs(x - np.median(x)) < 1.0
+    if near.sum() < 2:
+        raise ValueError("the laser finds no flat wall ahead: face one")
     for _ in range(8):
         slope, start = np.polyfit(y[near], x[near], 1)
         off = np.abs(x - start - slope * y) / math.hypot(1.0, slope)

@@ -451,7 +451,7 @@ class Slam:
         self._start(episode.start, key)
 
     def _start(self, pose: Array, seed: int) -> None:
-        count = self.settings.particles
+        count, self._begun = self.settings.particles, np.array(pose)
         self.maps = OccupancyMap(self.settings, count)
         self.maps.reserve(pose)
         self._map: tuple[int, OccupancyGrid] | None = None  # scans in it, and it
@@ -569,6 +569,7 @@ class Slam:
     def trajectory(self) -> Array:
         """Poses (updates, 3) [m, m, rad] of the best particle, smoothed by its latest history."""
         line = np.empty((len(self._history) + 1, 3))
+        line[0] = self._begun
         particle = self.best
         for k in range(len(self._history) - 1, -1, -1):
             particle = self._parents[k][particle]

@@ -26,7 +26,7 @@ from wheelchair_gym.compiled.address import floats_at, on_stack, rows_of
 from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel, inlined
 from wheelchair_gym.geometry.planar import point_to_world, world_to_body
 from wheelchair_gym.safety.grid import scanner_frame
-from wheelchair_gym.safety.state import BODY, FAR, KEY_POINTS, SAME, STORED, Frame
+from wheelchair_gym.safety.state import BODY, FAR, KEY_POINTS, SAME, Frame
 from wheelchair_gym.sensors.echoes import atan2_f32
 from wheelchair_gym.sensors.laser import LaserArrays
 
@@ -571,7 +571,7 @@ def add_lost(s: Any, key: Any) -> None:
     points, n = s.points, s.n_points
     for k in range(KEY_POINTS if s.n_lost > 0 else 0):
         dx, dy = key.x[k] - s.pose[0], key.y[k] - s.pose[1]
-        if key.lost[k] > 0.0 and dx * dx + dy * dy < FAR * FAR and n < STORED:
+        if key.lost[k] > 0.0 and dx * dx + dy * dy < FAR * FAR:
             points.x[n], points.y[n], points.stamp[n] = key.x[k], key.y[k], -math.inf
             n += 1
     s.n_points = n

@@ -197,7 +197,8 @@ def _check_ultrasonics(
             reason = SONAR_SILENT
         if s.deaf[k] >= _DEAF:
             reason, s.deaf[k] = SONAR_DEAF, 0  # a fault from now on, which a person clears
-        stuck |= s.steady[k].stuck
+        if s.steady[k].stuck:
+            stuck, s.steady[k].stuck, s.steady[k].range = True, False, math.nan
     now = hash_floats(age, hash_floats(ultrasonic, np.uint64(0)))
     repeats = mounted and moves and s.begun and now == s.sonar_hash
     s.sonar_frozen = _lasting(repeats, s.sonar_frozen, dt)

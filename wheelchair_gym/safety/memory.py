@@ -45,7 +45,7 @@ from wheelchair_gym.safety.state import (
     NOTHING,
     REST_SPEED,
     SAME,
-    STORED,
+    SCANNED,
     UPDATE,
     Frame,
     set_motion,
@@ -203,26 +203,31 @@ def _add_points(g: Any, s: Any, work: Any, scan: Scan, marks: int, end: int) -> 
 
 
 @borrowing_kernel
-def _add_hit(s: Any, scan: Scan, x: float, y: float) -> None:
+def _add_hit(s: Any, scan: Scan, x: float, y: float) -> bool:
     """Store a hit of a single beam, in the laser's frame, or match it to one of an earlier scan.
 
-    Ghost echoes do not repeat at one place; thin objects do, though not in every scan.
+    Ghost echoes do not repeat at one place; thin objects do, though not in every scan. The oldest
+    hit gives way to it. Returns False if there is no room, since all hits are of this scan.
     """
     px, py = point_to_world(scan.c, scan.s, scan.x, scan.y, x, y)
     far = math.sqrt(x * x + y * y)
     ux, uy = (px - scan.x) / far, (py - scan.y) / far
-    beside = _HIT_BESIDE + far / scan.per_angle
+    beside, n = _HIT_BESIDE + far / scan.per_angle, 0
     for k in range(s.n_hits):
         hit = s.hits[k]
         dx, dy = hit.x - px, hit.y - py
         if abs(ux * dx + uy * dy) < _HIT_ALONG and abs(ux * dy - uy * dx) < beside:
             hit.scans += 1.0 if hit.stamp < s.stamp else 0.0
             hit.x, hit.y, hit.stamp = px, py, s.stamp
-            return
-    n = last_rows(s.hits[:], s.n_hits, HITS - 1)
+            return True
+        n = k if hit.stamp < s.hits[n].stamp else n
+    if s.n_hits < HITS:
+        n, s.n_hits = s.n_hits, s.n_hits + 1
+    elif s.hits[n].stamp == s.stamp:
+        return False
     hit = s.hits[n]
     hit.x, hit.y, hit.stamp, hit.scans = px, py, s.stamp, 1.0
-    s.n_hits = n + 1
+    return True
 
 
 @borrowing_kernel
@@ -242,7 +247,7 @@ def _keep_hits(g: Any, s: Any, scan: Scan, laser: Floats) -> None:
             continue
         s.hits[kept] = hit
         kept += 1
-        if hit.scans > 1.0 and n < STORED:
+        if hit.scans > 1.0:
             points.x[n], points.y[n] = hit.x, hit.y
             points.stamp[n] = -math.inf  # of this scan alone: it is added again after each scan
             n += 1
@@ -276,7 +281,8 @@ def _drop_passed(s: Any, scan: Scan, in_view: Bytes, first: int) -> None:
 def _find_medians(s: Any, one: LaserArrays, scan: Scan, laser: Floats, medians: Floats) -> None:
     """Store the median of each three beams, and add what a single one of them hits.
 
-    It rejects lost echoes. Too near (-inf) counts as the laser's minimum range.
+    It rejects lost echoes. Too near (-inf) counts as the laser's minimum range. Single hits that
+    do not fit, since a scan has too many for ghosts, replace the median.
     """
     beams = laser.shape[0]
     nearest, far = _F(one.nearest), _F(FAR)
@@ -292,22 +298,22 @@ def _find_medians(s: Any, one: LaserArrays, scan: Scan, laser: Floats, medians: 
             medians[b] = nearest if r == -_INF else r
         for b in range(begin, end if found else begin):
             r, single = median3(laser[b - 1], laser[b], laser[b + 1]), max(laser[b], nearest)
-            if single < r - JUMP and single <= far:
-                _add_hit(s, scan, single * one.cosine[b], single * one.sine[b])
+            x, y = single * one.cosine[b], single * one.sine[b]
+            if single < r - JUMP and single <= far and not _add_hit(s, scan, x, y):
+                medians[b] = single
 
 
 @inlined
 def _put(work: Any, n: int, x: np.float32, y: np.float32) -> int:
-    """Store a point in the laser's frame as the n-th, where it fits; how many there are then."""
-    if n < STORED:
+    """Store a point in the laser's frame as the n-th if it fits; returns n + 1."""
+    if n < SCANNED:
         work.x[n], work.y[n] = x, y
-        n += 1
-    return n
+    return n + 1
 
 
 @borrowing_kernel
 def _find_points(one: LaserArrays, work: Any, laser: Floats, medians: Floats, n: int) -> int:
-    """Store points from the n-th on in the laser's frame; returns where they end.
+    """Store points from the n-th on in the laser's frame; returns where they end, if they fit.
 
     Neighbouring beams on one surface become one point, the mean of their ranges, which averages
     noise. Where the arc ends in the open it is not: an oblique edge is nearer than the mean.
@@ -345,6 +351,23 @@ def _find_points(one: LaserArrays, work: Any, laser: Floats, medians: Floats, n:
 
 
 @borrowing_kernel
+def _find_nearest(one: LaserArrays, work: Any, medians: Floats, n: int) -> int:
+    """Store the nearest hit of each group of beams from the n-th point on; returns where they end.
+
+    For scans with more edges than fit: groups share the room that is left, 0.5 degrees of a fan of
+    270 each, or less. A farther hit of a group is behind the nearest one, 1 cm per metre beside it.
+    """
+    beams, room = one.cosine.shape[0], SCANNED - n
+    for k in range(room):
+        b = k * beams // room
+        for i in range(b, (k + 1) * beams // room):
+            b = i if medians[i] < medians[b] or medians[b] != medians[b] else b
+        if medians[b] <= _F(FAR):
+            n = _put(work, n, medians[b] * one.cosine[b], medians[b] * one.sine[b])
+    return n
+
+
+@borrowing_kernel
 def update_points(g: Any, s: Any, one: LaserArrays, scan: Scan, laser: Floats, dt: float) -> None:
     """Add a scan of a laser, dt [s] after the last one, and forget what it shows to be gone."""
     work, marks = _update_at(on_stack(_SIZE), 1)[0], s.n_marks
@@ -357,6 +380,8 @@ def update_points(g: Any, s: Any, one: LaserArrays, scan: Scan, laser: Floats, d
     first = s.n_marks
     _find_medians(s, one, scan, laser, medians)
     end = _find_points(one, work, laser, medians, s.n_points)
+    if end > SCANNED:
+        end = _find_nearest(one, work, medians, s.n_points)
     _add_points(g, s, work, scan, marks, end)
     _keep_hits(g, s, scan, laser)
     _drop_passed(s, scan, work.in_view[:], first)
@@ -388,8 +413,10 @@ def _listen(g: Any, s: Any, k: int, at: Frame, r: float) -> None:
 def _watch_steady(g: Any, s: Any, k: int, at: Frame, yaw: float, r: float, explained: bool) -> None:
     """Find an echo whose range stays the same while the chair's motion must change it.
 
-    A point or a plane within the cone comes nearer by the part of a motion along the cone's edge,
-    and leaves the cone if the chair turns. A laser point that explains the echo moves so.
+    A point within the cone comes nearer by the part of a motion along the cone's edge, a plane by
+    that along its normal, and they leave the cone if the chair turns. A plane is heard at some
+    incidence: one along the motion, such as glass beside the chair, stays as far away as it is. A
+    laser point that explains the echo moves so.
     """
     steady, half = s.steady[k], g.ranger_half[k]
     if not abs(steady.range - r) < _STEADY:
@@ -400,7 +427,7 @@ def _watch_steady(g: Any, s: Any, k: int, at: Frame, yaw: float, r: float, expla
         steady.range, steady.x, steady.y, steady.yaw = r, at.x, at.y, yaw
     dx, dy, turned = at.x - steady.x, at.y - steady.y, abs(yaw - steady.yaw)
     way, along = math.sqrt(dx * dx + dy * dy), abs(at.c * dx + at.s * dy)
-    off = math.acos(min(1.0, along / max(way, _NEARLY))) + half + turned
+    off = math.acos(min(1.0, along / max(way, _NEARLY))) + g.ranger_oblique[k] + turned
     nearer = way * math.cos(off) if off < 0.5 * math.pi else 0.0
     steady.stuck = steady.stuck or nearer > _NEARER or turned > 2.0 * half + _TURNED
 
@@ -467,7 +494,7 @@ def reset(s: Any) -> None:
     for k in range(s.keys.shape[0]):
         key = s.keys[k]
         key.begun, key.astray, key.lag, key.square, key.product = False, 0.0, 0.0, 0.0, 0.0
-        key.followed, key.marked = 0.0, False
+        key.followed, key.strange, key.marked = 0.0, 0.0, False
         key.x[:] = math.nan  # no point
         key.dark[:] = _F(0.0)
     s.odometry_silent, s.odometry_frozen, s.astray, s.ahead = 0.0, 0.0, 0.0, 0

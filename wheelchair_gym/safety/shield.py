@@ -159,10 +159,15 @@ class Shield:
         Args:
             twist: what a policy asks for.
             reading: the latest; its stamps are the shield's only clock.
+
+        Raises:
+            ValueError: the twist is not two finite numbers; see `update`.
         """
+        v, w = map(float, twist)
+        if not math.isfinite(v + w):
+            raise ValueError(f"twist is ({v}, {w}); expected two finite numbers")
         self.update(reading)
-        row = self.pointers.record
-        v, w, protective = filter_twist(0, row, float(twist[0]), float(twist[1]))
+        v, w, protective = filter_twist(0, self.pointers.record, v, w)
         given, made = np.array([v, w]), self.state["decision"][0]
         self.decision = Decision(REASONS[made["reason"]], made["asked"].copy(), given, protective)
         return given

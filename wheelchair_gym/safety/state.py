@@ -23,6 +23,7 @@ from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.safety.stops import SHIELD_FAULTS
 from wheelchair_gym.sensors.laser import SCANNER, scanner_pointers
 from wheelchair_gym.sensors.settings import RANGERS, SCANNERS, SensorSettings
+from wheelchair_gym.sensors.ultrasonic import LOSS
 from wheelchair_gym.sim.randomization import RandomizedName
 from wheelchair_gym.sim.settings import ChairSettings
 
@@ -46,7 +47,11 @@ ARC = 12  # points on the arc of an echo
 SECTORS = 256  # of each further scanner: each gives a point where it is hit
 OTHERS_KEPT = 256  # points of earlier scans that further scanners hit
 OTHERS = (SCANNERS - 1) * SECTORS + OTHERS_KEPT
-STORED = FRESH + KEPT  # points that the first scanner hit
+HITS = 48  # hits of single beams
+KEY_POINTS = 181  # of a key scan, evenly spaced
+SCANNED = FRESH + KEPT  # points of scans of the first scanner
+_MOST = SCANNED + HITS + SCANNERS * KEY_POINTS  # of these, repeated hits, and lost points
+STORED = _MOST + -_MOST % 32
 _KNOWN = STORED + OTHERS + RANGERS * ARC
 NEAR = _KNOWN + -_KNOWN % 32  # whole blocks of 32 points, which `decision` compares at once
 MARKS = 96  # points that may move
@@ -54,7 +59,6 @@ BESIDE = 0.20  # m: points so near a moving point may belong to the same object
 BODY = 0.35  # m: marks so near each other are of one body
 EDGE = math.radians(15.0)  # of a scanner's view: half a body at 2 m
 CLOSE = 64  # points inside the stop zone
-HITS = 48  # hits of single beams
 RATES: Final = (4.0, 100.0)  # Hz: of control
 SPARE = 1.2  # the chair must exceed its limits by this factor to follow its set point
 _ROUND = 1e-6
@@ -62,7 +66,6 @@ _ARM = 1.0  # m: from a scanner to the farthest points that the outline may touc
 REST_SPEED = 0.02  # m/s, rad/s: slower is at rest
 _AHEAD_V, _AHEAD_W = 0.03, 0.08  # m/s, rad/s: so much faster are wheels that outrun it,
 _AHEAD_READINGS = 3  # in this number of readings one after another
-KEY_POINTS = 181  # of a key scan, evenly spaced
 _ASIDE = math.radians(4.0)  # cones of ultrasonics have soft edges
 SAMPLES = 38  # points of the outline that are checked against unseen space
 SIDES: Final = ((2, 8), (9, 15), (16, 26), (27, 37))  # the first and last of each side
@@ -233,6 +236,7 @@ class ShieldConstants(Pointers):
             half = 0.5 * model.field_of_view
             g["ranger_half"][k], g["ranger_reach"][k] = half, model.reach
             g["ranger_slope"][k] = math.tan(half + _ASIDE)
+            g["ranger_oblique"][k] = half + LOSS[one.model][1]
 
 
 def outline_samples(front: float, rear: float, half: float) -> Rows:

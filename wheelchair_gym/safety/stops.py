@@ -94,7 +94,8 @@ class StopMonitor:
     """The stops that are active now, and for how long they have lasted.
 
     Attributes:
-        messages: of active stops, by the name of the row; empty: the chair drives.
+        messages: of active stops, by the text that rows match, which holds no details; empty: the
+            chair drives.
         waited: seconds for which the chair has been stopped, manual driving left out.
     """
 
@@ -107,7 +108,7 @@ class StopMonitor:
 
         Empty messages are ignored. `goes on` is logged when no stop is left.
         """
-        held = {matching_stops(message)[0].name: message for message in messages if message}
+        held = {_matched_text(message): message for message in messages if message}
         before, self.messages = self.messages, held
         new = [message for name, message in held.items() if name not in before]
         lines = [f"stands: {message}; {_sentence(message)}" for message in new]
@@ -128,6 +129,12 @@ class StopMonitor:
     def why(self) -> str:
         """All active messages as one line."""
         return "; ".join(self.messages.values())
+
+
+def _matched_text(message: str) -> str:
+    """Return the text of a message that its rows match, or a row's name if that matches any."""
+    matches = ((re.match(stop.message, message), stop) for stop in matching_stops(message))
+    return "; ".join((found and found.group()) or stop.name for found, stop in matches)
 
 
 def _sentence(message: str) -> str:
