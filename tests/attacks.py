@@ -6,8 +6,6 @@ or the other thing's surface there, lay unoccluded in some sensor's field at a m
 3 s that was at least a stopping time before.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple

@@ -1,7 +1,5 @@
 """Fixtures for every test, and which files go first."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -6,8 +6,6 @@ inputs; who started it notices when it hangs or dies. `python -m tests.fuzz FIRS
 became of these inputs of every reader.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import io

@@ -1,7 +1,5 @@
 """The documentation agrees with the code, and its examples run."""
 
-from __future__ import annotations
-
 import argparse
 import inspect
 import re

@@ -1,7 +1,5 @@
 """The house: who may import whom, settings and their files, kernels and their cache."""
 
-from __future__ import annotations
-
 import ast
 import importlib.metadata
 import platform

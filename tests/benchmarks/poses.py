@@ -9,8 +9,6 @@ With `--floor 45 --seeds 1` instead: one drive through all of a clinic of 45 m b
 SLAM makes of its readings with each number of particles.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import time

@@ -1,7 +1,5 @@
 """Drives of simulated chairs whose settings are hidden, as logs."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """Laws of assistants: how far they go, when they let go, what they do not know; manoeuvres."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import fields, replace
 

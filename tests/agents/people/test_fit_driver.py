@@ -1,7 +1,5 @@
 """Recorded drives of a person: judged again with another assistant, and what is fitted to them."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 

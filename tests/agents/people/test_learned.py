@@ -1,7 +1,5 @@
 """Learned assistants: a network observes and adds as in training, for every driver."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path
