@@ -6,8 +6,6 @@ or the other thing's surface there, lay unoccluded in some sensor's field at a m
 3 s that was at least a stopping time before.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
@@ -289,6 +287,20 @@ def touching_point(pose: Array, footprint: Footprint, walls: Array, discs: Array
     return shapely.get_coordinates(shapely.shortest_line(solid, chair))[0]
 
 
+class Event(NamedTuple):
+    """A contact that the chair caused, faster than 0.05 m/s."""
+
+    seed: int  # of the row
+    episode: int
+    time: float  # s
+    kind: str
+    fault: str
+    met: int
+    closing: float  # m/s
+    seen: bool  # it could have been
+    cell: str  # of the table
+
+
 @dataclass
 class Report:
     """Result of attacks."""
@@ -306,7 +318,7 @@ class Report:
             for name, count in zip(names.tolist(), counts.tolist(), strict=True):
                 self.reasons[name] = self.reasons.get(name, 0) + count
 
-    def add(self, other: Report) -> None:
+    def add(self, other: "Report") -> None:
         """Take in another."""
         self.attacks += other.attacks
         self.contacts += other.contacts
@@ -320,20 +332,6 @@ class Report:
         """Count attacks and contacts of a cell of the table."""
         old = self.cells.get(cell, [0, 0])
         self.cells[cell] = [old[0] + attacks, old[1] + contacts]
-
-
-class Event(NamedTuple):
-    """A contact that the chair caused, faster than 0.05 m/s."""
-
-    seed: int  # of the row
-    episode: int
-    time: float  # s
-    kind: str
-    fault: str
-    met: int
-    closing: float  # m/s
-    seen: bool  # it could have been
-    cell: str  # of the table
 
 
 def cell_of(kind: str, rate: float, mass: float) -> str:

@@ -1,7 +1,5 @@
 """Expected content of each shipped config file; run as a program, it writes them."""
 
-from __future__ import annotations
-
 import json
 from typing import Any, Final
 

@@ -1,9 +1,9 @@
 """Fixtures for every test, and which files go first."""
 
-from __future__ import annotations
-
 import json
 import os
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -88,6 +88,14 @@ def put(path: Path, content: Any) -> Path:
 
 
 json_file = put
+
+
+def python(code: str, *words: object) -> subprocess.CompletedProcess[str]:
+    """Run a program of Python from the clone, with words as its arguments."""
+    command = [sys.executable, "-c", code, *map(str, words)]
+    return subprocess.run(
+        command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=600
+    )
 
 
 def need_pty():

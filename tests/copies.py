@@ -1,7 +1,5 @@
 """Copies of what is driven, made at random moments and driven on beside the original."""
 
-from __future__ import annotations
-
 import copy
 import gc
 import pickle

@@ -3,8 +3,6 @@
 They stand about the chair, each in its own direction, turned so that its narrow side faces it.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Final

@@ -6,8 +6,6 @@ inputs; who started it notices when it hangs or dies. `python -m tests.fuzz FIRS
 became of these inputs of every reader.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import io
@@ -216,23 +214,12 @@ def _use_map(path: Path) -> None:
     make_planner({"name": "rrt_connect", "iterations": 200}).plan(problem, np.random.default_rng(0))
 
 
-def _small_map(folder: Path) -> Path:
+def _small_map(folder: Path, suffix: str = ".png") -> Path:
     cells = np.zeros((40, 60), np.int8)
     cells[:2] = cells[-2:] = OCCUPIED
     cells[:, :2] = cells[:, -2:] = cells[15:25, 20:30] = OCCUPIED
-    write_map(OccupancyGrid(cells, 0.1), folder / "hall.yaml", suffix=".png")
+    write_map(OccupancyGrid(cells, 0.1), folder / "hall.yaml", suffix=suffix)
     return folder / "hall.yaml"
-
-
-def _pgm(folder: Path) -> Path:
-    _small_map(folder)
-    import cv2
-
-    image = cv2.imread(str(folder / "hall.png"), cv2.IMREAD_GRAYSCALE)
-    cv2.imwrite(str(folder / "hall.pgm"), image)
-    text = (folder / "hall.yaml").read_text()
-    (folder / "hall.yaml").write_text(text.replace("hall.png", "hall.pgm"))
-    return folder / "hall.pgm"
 
 
 def _mutated_png(data: bytes, rng: np.random.Generator) -> bytes:
@@ -437,10 +424,8 @@ def _curve(folder: Path) -> Path:
 
 
 def _store(folder: Path) -> Path:
-    path = folder / "episodes.jsonl"
-    records = [{"outcome": "success", "time": 3.5 + k, "names": ["a", None]} for k in range(6)]
-    path.write_text("".join(stored_line(f"{k}", record) for k, record in enumerate(records)))
-    return path
+    lines = [stored_line(f"{k}", _work(k)) for k in range(6)]
+    return put(folder / "episodes.jsonl", "".join(lines))
 
 
 def _work(job: int) -> dict[str, Any]:
@@ -636,7 +621,8 @@ READERS: dict[str, Reader] = {
         ("maps.io.map_server.read_picture",), _mutated_png,
     ),
     "map pgm": Reader(
-        _pgm, lambda path: _use_map(path.with_suffix(".yaml")),
+        lambda folder: _small_map(folder, ".pgm").with_suffix(".pgm"),
+        lambda path: _use_map(path.with_suffix(".yaml")),
         ("maps.io.map_server.read_picture",),
     ),
     "octile map": Reader(_octile, _use_map, ("maps.io.map_server.read_moving_ai_map",)),
@@ -784,7 +770,7 @@ class Watched:
         self._running: Any = None
         self._ready: set[str] = set()
 
-    def __enter__(self) -> Watched:
+    def __enter__(self) -> "Watched":
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -1,7 +1,5 @@
 """Kernels: what is made of them, who makes it, and what a person sees meanwhile."""
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import mmap

@@ -9,7 +9,6 @@ import pytest
 
 from agents.cli.lists import all_settings, settings_rows
 from agents.cli.options import POSES
-from planners.rrt_star_woa.path_shortening import RrtStarWoaGlobal
 from tests.configs import SINGLE
 from wheelchair_gym.base.settings import InputError, dump, load, setting_docs, with_values
 from wheelchair_gym.envs.guidance import PoseGuidance
@@ -22,14 +21,6 @@ def test_defaults_survive_json(name):
     default = SINGLE[name]
     again = json.loads(json.dumps(dump(default)))
     assert load(type(default), again, name) == default
-
-
-def test_a_part_keeps_the_defaults_that_it_has_where_it_stands():
-    """A planner whose tree ends with the first path still does when its step is changed."""
-    planner = load(RrtStarWoaGlobal, {"tree": {"step": 2.0}, "whales": {"a": 3.0}}, "planner")
-    default = RrtStarWoaGlobal()
-    assert planner.tree == dataclasses.replace(default.tree, step=2.0)
-    assert planner.whales == dataclasses.replace(default.whales, a=3.0)
 
 
 @pytest.mark.parametrize("name", all_settings())

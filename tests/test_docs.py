@@ -1,7 +1,5 @@
 """The documentation agrees with the code, and its examples run."""
 
-from __future__ import annotations
-
 import argparse
 import inspect
 import re
@@ -90,13 +88,6 @@ def mentions():
     return found
 
 
-def options_of(command):
-    """The names of the options of a row of `COMMANDS`, and `--help`."""
-    of = argparse.ArgumentParser()
-    _add_options(of, command.options)
-    return {name for action in of._actions for name in action.option_strings}
-
-
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     """A folder that looks like a clone, in which examples may leave what they write."""
@@ -171,7 +162,9 @@ def test_a_command_in_a_sentence_exists_with_its_options(line):
     name = " ".join(words[:2]) if " ".join(words[:2]) in rows else words[0]
     if name in GROUPS or name.startswith("-"):  # `wheelchair hardware`, `wheelchair --help`
         return
-    known = options_of(rows[name])
+    own = argparse.ArgumentParser()  # which adds `--help`
+    _add_options(own, rows[name].options)
+    known = {option for action in own._actions for option in action.option_strings}
     assert {word.partition("=")[0] for word in words if word.startswith("--")} <= known
 
 

@@ -1,20 +1,17 @@
 """The house: who may import whom, settings and their files, kernels and their cache."""
 
-from __future__ import annotations
-
 import ast
 import importlib.metadata
 import platform
 import re
 import subprocess
-import sys
 import tomllib
 from pathlib import Path
 
 from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 
-from tests.conftest import ROOT
+from tests.conftest import ROOT, python
 
 PACKAGES = ("wheelchair_gym", "planners", "agents")
 # What each package may import of ours, beside itself.
@@ -99,8 +96,8 @@ def test_importing_env_and_pictures_loads_neither_torch_nor_planners_nor_pygame(
         "print({'torch', 'stable_baselines3', 'planners', 'agents', 'matplotlib', 'pygame'} "
         "& set(sys.modules))"
     )
-    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert out.stdout.strip() == "set()"
+    out = python(code)
+    assert out.stdout.strip() == "set()", out.stderr
 
 
 AWAY = """
@@ -128,10 +125,7 @@ assert not loaded("settings", "lattice"), "settings"
 def test_commands_that_neither_train_nor_export_load_no_torch():
     from wheelchair_gym.scenes.map_file import example_map
 
-    clinic = str(example_map())
-    out = subprocess.run(
-        [sys.executable, "-c", AWAY, clinic], capture_output=True, text=True, check=False
-    )
+    out = python(AWAY, example_map())
     assert out.returncode == 0, out.stderr
 
 

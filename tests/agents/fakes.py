@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from agents.policies import GymPolicy, make_policy
 from tests.sensors.test_laser import brute_force
 from wheelchair_gym.geometry.kinematics import Limits, approach_twist, arc_step
 from wheelchair_gym.geometry.planar import to_world
@@ -29,6 +30,24 @@ def scan(pose, walls, laser):
     return np.where(ranges < laser.reach, ranges, np.inf).astype(np.float32)
 
 
+def infos_of(env, policy):
+    """Drive from where an environment stands to the end of the episode; yield each step's info."""
+    driver = GymPolicy(make_policy(policy), env)
+    driver.reset()
+    observation, over = env.unwrapped.task.observation, False
+    while not over:
+        observation, _, ended, late, info = env.step(driver.act(observation))
+        over = ended or late
+        yield info
+
+
+def reading(scan, twist=(0.0, 0.0), stamp=0.0, pose=(0.0, 0.0, 0.0), ultrasonic=np.inf, age=0.0):
+    """Return a reading of a chair; all ultrasonics hear the same, and are as old."""
+    ranges, ages = (np.full(8, value, np.float32) for value in (ultrasonic, age))
+    scan, pose = np.asarray(scan, np.float32), np.array(pose, float)
+    return Reading(pose, np.array(twist), scan, ranges, ages, False, 24.0, stamp)
+
+
 class PaperWorld:
     """A mission, and readings that follow the actions of a policy; `seen` is the latest."""
 
@@ -45,11 +64,8 @@ class PaperWorld:
         )  # fmt: skip
 
     def reading(self):
-        return Reading(
-            self.pose.copy(), self.state[[0, 2]].copy(),
-            scan(self.pose, self.walls, self.sensors.laser), np.full(8, np.inf, np.float32),
-            np.zeros(8, np.float32), False, 36.0, self.time,
-        )  # fmt: skip
+        seen = scan(self.pose, self.walls, self.sensors.laser)
+        return reading(seen, self.state[[0, 2]], self.time, self.pose)
 
     def drive(self, action):
         v, w = self.mission.limits.twist(action)

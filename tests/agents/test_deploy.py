@@ -271,20 +271,16 @@ def test_a_dry_run_sends_no_command():
     assert drive.end()
 
 
-def person(served, caplog, then):
-    """Re-arms at the board's joystick when asked, hands the chair back, and does something more."""
+def person(served, caplog):
+    """Re-arms at the board's joystick when asked, and ends the command once the chair drives."""
 
     def hand():
         until(lambda: "a person must re-arm" in caplog.text)
         rearm_by_hand(served.twin.faults, JoystickState())
-        then()
+        until(lambda: served.twin.motion.speed > 0.1)
+        os.kill(os.getpid(), signal.SIGTERM)
 
     threading.Thread(target=hand, daemon=True).start()
-
-
-def end_when(true):
-    until(true)
-    os.kill(os.getpid(), signal.SIGTERM)
 
 
 def words_for(config, map_, record):
@@ -350,7 +346,7 @@ def test_a_start_that_the_scan_does_not_fit_is_refused(turn, monkeypatch, tmp_pa
 def test_the_command_drives_over_devices(tmp_path, caplog, capfd):
     """In real time, as a person runs it, who re-arms it at the board's joystick."""
     with serving(tmp_path) as served, signals_kept():
-        person(served, caplog, lambda: end_when(lambda: served.twin.motion.speed > 0.1))
+        person(served, caplog)
         words = [*words_for(served.config, served.map, tmp_path / "run.mcap"), "--force-start"]
         assert main(words) == 130
         assert "a person must re-arm" in caplog.text

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from agents.deploy import _preselected, check_start, start_fit
+from tests.benchmarks.starts import beside
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.geometry.planar import wrap
-from wheelchair_gym.maps import OCCUPIED
 from wheelchair_gym.perception.monte_carlo import make_likelihood_field
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.sensors.settings import SensorSettings
@@ -24,15 +24,8 @@ def fits(scene, seed, way, turn):
     """Fit a scan to a start that is off by a distance [m] and a turn [rad], in a free direction."""
     episode = make_scene(scene).sample(np.random.default_rng(1000 + seed))
     ranges, rng = SimulatedChair().reset(episode, seed).laser, np.random.default_rng(seed)
-    grid = episode.map
-    for _ in range(50):
-        angle = rng.uniform(0.0, 2.0 * math.pi)
-        offset = np.array([way * math.cos(angle), way * math.sin(angle), turn])
-        start = episode.start + offset
-        inside = grid.inside(start[:2])
-        if inside and grid.cells[tuple(grid.to_cell(start[:2]))] != OCCUPIED:
-            return start_fit(grid, start, LASER, ranges)
-    raise AssertionError("nothing is free there")
+    start = beside(episode.map, episode.start, way, turn, rng)
+    return start_fit(episode.map, start, LASER, ranges)
 
 
 @pytest.mark.parametrize("scene", SCENES)

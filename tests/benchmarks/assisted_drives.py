@@ -14,8 +14,6 @@ slower than the stick asks, the lost part of the control period is counted: for 
 for each reason of the shield.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import math

@@ -4,8 +4,6 @@ A trial gives figures: name -> (measured, bound), where a bound of None is none.
 begins with `min_` have lower bounds.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

@@ -7,8 +7,6 @@ to 180 kg), side and strength from the seed (number of the case, n). Exit code 1
 passed.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import sys

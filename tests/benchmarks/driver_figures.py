@@ -6,8 +6,6 @@ a table states what was published beside what they did. Drives of two drivers ar
 in the same worlds. Times are compared where both arrive, by the geometric mean of their ratios.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 import sys

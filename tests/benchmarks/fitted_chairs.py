@@ -5,8 +5,6 @@ and prints; it can be stopped and continued. Hidden chairs are the first of
 `tests.benchmarks.identification`; the delay of their scans is that of their commands, too.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import sys

@@ -5,8 +5,6 @@ tests.benchmarks.identification [--boards] [FIRST LAST]` prints, of each of thes
 or the emulated boards), which quantities were found within their limits, and then the errors.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import sys

@@ -46,16 +46,19 @@ def drawn(scenes, seeds):
                 yield Problem(space, start, goal, clearance, f"{episode.name}_{seed}"), footprint
 
 
-def sets(worlds):
-    """Problems by name of their set."""
+def sets(worlds, names):
+    """Problems by name of their set, of the sets whose names are given between commas."""
     known = str(SHARED / "maps" / "barn_60.json")
     numbers = [world["world"] for world in json.loads(Path(known).read_text())]
     seeds = range(FIRST, FIRST + worlds)
-    yield "barn", drawn(["barn"], seeds)
-    yield "barn_60", drawn([{"name": "barn", "path": known, "world": n} for n in numbers], [0])
-    yield "homes", drawn([HOME], seeds)
-    yield "doors", drawn(DOORS, seeds[: max(1, worlds // 15)])
-    yield "problems", ((case.problem, case.footprint) for case in read())
+    every = {
+        "barn": drawn(["barn"], seeds),
+        "barn_60": drawn([{"name": "barn", "path": known, "world": n} for n in numbers], [0]),
+        "homes": drawn([HOME], seeds),
+        "doors": drawn(DOORS, seeds[: max(1, worlds // 15)]),
+        "problems": ((case.problem, case.footprint) for case in read()),
+    }
+    return [(name, every[name]) for name in every if name in names.split(",")]
 
 
 def seconds(path, planner):
@@ -133,9 +136,7 @@ def main():
     given = parser.parse_args()
     wheelchair_gym.compiled.clock.perf_counter = time.process_time  # the planners' clock
     planned(*next(drawn(DOORS, [FIRST])))  # compiles
-    for name, problems in sets(given.worlds):
-        if name not in given.sets.split(","):
-            continue
+    for name, problems in sets(given.worlds, given.sets):
         rows = [planned(*one) for one in problems]
         for asked in ("wide", "narrow") if name != "problems" else ("all",):
             minimum = [row for row in rows if asked == "all" or

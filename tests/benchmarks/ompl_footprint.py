@@ -1,7 +1,5 @@
 """OMPL's planners for the chair's footprint, with the connections and the cost of our planners."""
 
-from __future__ import annotations
-
 import importlib
 import math
 from typing import Any, Literal

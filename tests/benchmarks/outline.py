@@ -99,9 +99,7 @@ def main():
     wheelchair_gym.compiled.clock.perf_counter = time.process_time  # the planners' clock
     for settings in ENTRANTS.values():  # compiles
         planned(*next(drawn([HOME], [FIRST])), settings)
-    for chosen, problems in sets(given.worlds):
-        if chosen not in given.sets.split(","):
-            continue
+    for chosen, problems in sets(given.worlds, given.sets):
         jobs, places = {}, {}
         for (problem, footprint), (name, settings) in product(problems, ENTRANTS.items()):
             case = f"{problem.name} {problem.clearance:.3f}"

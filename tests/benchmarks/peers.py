@@ -10,8 +10,6 @@ says what a step of each contains; where a peer takes walls, it gets those of th
 CartPole of Gymnasium is a yardstick.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import io

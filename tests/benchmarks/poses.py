@@ -9,8 +9,6 @@ With `--floor 45 --seeds 1` instead: one drive through all of a clinic of 45 m b
 SLAM makes of its readings with each number of particles.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import time
@@ -22,7 +20,8 @@ import numpy as np
 from agents.evaluation.compare import BEST
 from agents.evaluation.evaluate import make_env
 from agents.evaluation.map_evaluation import map_by_driving, map_quality
-from agents.policies import GymPolicy, make_policy
+from agents.policies import make_policy
+from tests.agents.fakes import infos_of
 from wheelchair_gym.geometry.planar import relative_pose, wrap_angle
 from wheelchair_gym.perception.slam import Slam, SlamSettings
 
@@ -33,17 +32,11 @@ def drive(source: str, seed: int, scene: Any, grid: Any = None) -> tuple[np.ndar
     env.reset(seed=seed)
     episode = env.unwrapped.episode
     given = episode if grid is None else replace(episode, map=grid)
-    observation, info = env.reset(seed=seed, options={"episode": given})
-    policy, errors, over = GymPolicy(make_policy(BEST), env), [], False
-    policy.reset()
-    while not over:
-        errors.append(np.subtract(info["pose_estimate"], info["pose"]))
-        observation, _, ended, late, info = env.step(policy.act(observation))
-        over = ended or late
+    infos = [env.reset(seed=seed, options={"episode": given})[1], *infos_of(env, BEST)]
     env.close()
-    off = np.array(errors)
+    off = np.array([np.subtract(info["pose_estimate"], info["pose"]) for info in infos[:-1]])
     off[:, 2] = wrap_angle(off[:, 2])
-    return off, bool(info["is_success"])
+    return off, bool(infos[-1]["is_success"])
 
 
 def lasting(runs: list[np.ndarray], period: float = 0.1) -> float:

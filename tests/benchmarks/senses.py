@@ -7,8 +7,6 @@ to and fro in a room for a minute. No policy plans: the shield alone is tested. 
 chair is the twin, at 10 Hz: its emulated boards and its laser's protocol are part of the drive.
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import itertools

@@ -8,8 +8,6 @@ after Ctrl-C goes on with what is missing. A chunk is stored under what it depen
 project's code among it.
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import math

@@ -27,10 +27,9 @@ OFF = {  # m, deg
 
 def beside(grid, start, way, turn, rng):
     """A start off by a way [m] and a turn [rad] in a free direction; None: there is none."""
-    for _ in range(20):
+    for _ in range(50):
         angle = rng.uniform(0.0, 2.0 * math.pi)
-        offset = [way * math.cos(angle), way * math.sin(angle), turn * rng.choice([-1.0, 1.0])]
-        place = start + np.array(offset)
+        place = start + np.array([way * math.cos(angle), way * math.sin(angle), turn])
         inside = grid.inside(place[:2])
         if inside and grid.cells[tuple(grid.to_cell(place[:2]))] != OCCUPIED:
             return place
@@ -49,7 +48,8 @@ def main():
             episode = make_scene(scene).sample(np.random.default_rng(1000 + seed))
             ranges = chair.reset(episode, seed).laser
             for name, (way, degrees) in OFF.items():
-                start = beside(episode.map, episode.start, way, math.radians(degrees), rng)
+                turn = math.radians(degrees) * rng.choice([-1.0, 1.0])
+                start = beside(episode.map, episode.start, way, turn, rng)
                 if start is not None:
                     found[name].append(start_fit(episode.map, start, laser, ranges))
     print(f"{'off':14} starts refused ambiguous   fit: min   5 %   50 %   95 %    max")

@@ -6,8 +6,6 @@ times and ways are the same on any machine. Each trial has a mass and a moment o
 1: a bound was passed.
 """
 
-from __future__ import annotations
-
 import sys
 from dataclasses import dataclass
 

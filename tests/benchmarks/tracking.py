@@ -6,8 +6,6 @@ counts. Places and speeds are compared in the chair's own frame, so that an erro
 counts once only, in the tracker. Each row prints its seeds.
 """
 
-from __future__ import annotations
-
 import argparse
 import itertools
 import math

@@ -1,14 +1,12 @@
 """Drives of simulated chairs whose settings are hidden, as logs."""
 
-from __future__ import annotations
-
 import dataclasses
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.geometry.planar import polygon_edges, to_world
 from wheelchair_gym.identification.excite import PROGRAM
 from wheelchair_gym.identification.logs import DriveLog, log_of_reports
 from wheelchair_gym.sensors.settings import LaserSettings, OdometrySettings, SensorSettings
@@ -30,26 +28,17 @@ class Driven(NamedTuple):
     poses: Array
 
 
-def _boxed(x: float, y: float, a: float, b: float, turn: float) -> list[tuple[float, ...]]:
-    """The sides of a box of half sides a and b."""
-    c, s = math.cos(turn), math.sin(turn)
-    corners = [(x + c * u - s * v, y + s * u + c * v)
-               for u, v in ((-a, -b), (a, -b), (a, b), (-a, b))]  # fmt: skip
-    return [(*corners[k], *corners[(k + 1) % 4]) for k in range(4)]
-
-
 def room(start: tuple[float, float, float] = (-0.6, -0.6, 0.0)) -> Episode:
     """A room of 7 m x 6 m with a niche, cupboards and two posts."""
     corners = [(-3.4, -3.0), (3.6, -3.0), (3.6, 2.2), (2.0, 2.2), (2.0, 3.1), (-3.4, 3.1)]
-    walls: list[tuple[float, ...]] = [
-        (*a, *b) for a, b in zip(corners, [*corners[1:], corners[0]], strict=True)
-    ]
-    for place in ((-2.8, -2.3, 0.4, 0.3, 0.3), (3.0, -1.0, 0.3, 0.5, 0.0),
-                  (-2.9, 1.8, 0.25, 0.25, 0.6)):  # fmt: skip
-        walls += _boxed(*place)
+    walls = [polygon_edges(corners)]
+    for x, y, a, b, turn in ((-2.8, -2.3, 0.4, 0.3, 0.3), (3.0, -1.0, 0.3, 0.5, 0.0),
+                             (-2.9, 1.8, 0.25, 0.25, 0.6)):  # fmt: skip
+        box = np.array([(-a, -b), (a, -b), (a, b), (-a, b)])
+        walls.append(polygon_edges(to_world(box, (x, y, turn))))
     discs = np.array([(2.9, 0.9, 0.15), (-1.0, 2.7, 0.2)])
     nowhere: Any = None
-    return Episode(nowhere, np.array(start), np.zeros(3), walls=np.array(walls), discs=discs)
+    return Episode(nowhere, np.array(start), np.zeros(3), walls=np.vstack(walls), discs=discs)
 
 
 def drive(hidden: dict[str, float], episode: Episode | None = None, key: int = 5,

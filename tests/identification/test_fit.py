@@ -1,7 +1,5 @@
 """Laws of the fit: hidden chairs are found, and what a log does not show is said, never guessed."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math

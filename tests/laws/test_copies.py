@@ -15,9 +15,10 @@ import pytest
 from agents.control import FOLLOWERS
 from agents.learning.sb3 import SB3VecEnv
 from agents.learning.weights import shipped
-from agents.policies import POLICIES, GymPolicy, make_policy
+from agents.policies import GymPolicy, make_policy
 from tests.conftest import ROOT
 from tests.copies import COPIERS, by_pickle, differences, drive_copies
+from tests.laws.test_policies import SCRIPTED
 from tests.sim.worlds import cluttered, placed
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
 from wheelchair_gym.hardware.chair import HardwareChair
@@ -176,10 +177,7 @@ def begin_policy(driven):
     return seen
 
 
-DRIVERS = sorted(set(POLICIES) - {"manual", "learned", "planned", "ros", "sb3"})
-
-
-@pytest.mark.parametrize("name", [*DRIVERS, *(f"a_star+{name}" for name in FOLLOWERS), *shipped()])
+@pytest.mark.parametrize("name", [*SCRIPTED, *(f"a_star+{name}" for name in FOLLOWERS), *shipped()])
 def test_a_copy_of_env_and_policy_drives_on_as_the_original(name):
     scene = "clutter" if name != "explore" else "empty"
     own = {"explore": {"pose_source": "slam"}, "ppo_rear": {"model": "rear"}}.get(name, {})

@@ -145,12 +145,15 @@ ANCHORS = "a0: &a0 [x, x, x, x, x, x, x, x, x]\n" + "".join(
 PROBLEM = {"name": "p", "size": 5, "rects": [[2, 1, 3, 2]], "start": [1, 2], "goal": [4, 2]}
 
 
+def plan(file):
+    return ["plan", "--map", file, "--planner", "rrt", "--start", "1,1", "--goal", "2,2"]
+
+
 def plan_map(text, image=b""):
     def case(folder):
         (folder / "map.yaml").write_text(text)
         (folder / "map.png").write_bytes(image)
-        return ["plan", "--map", folder / "map.yaml", "--planner", "rrt", "--start", "1,1",
-                "--goal", "2,2"]  # fmt: skip
+        return plan(folder / "map.yaml")
 
     return case
 
@@ -196,13 +199,10 @@ TRIED = {
         YAML.format("map.png", 0.05), png(60_000, 60_000, bytes(10**6))
     ),
     "cells of a kilometre": plan_map(YAML.format("map.png", 1e3), png(900, 1, bytes(901))),
-    "a map that is a pipe": lambda folder: [
-        os.mkfifo(folder / "m.map") or "plan", "--map", folder / "m.map", "--planner", "rrt",
-        "--start", "1,1", "--goal", "2,2",
-    ],
-    "a map with NUL in its name": lambda folder: [
-        "plan", "--map", "a\0b.yaml", "--planner", "rrt", "--start", "1,1", "--goal", "2,2",
-    ],
+    "a map that is a pipe": lambda folder: (
+        os.mkfifo(folder / "m.map") or plan(folder / "m.map")
+    ),
+    "a map with NUL in its name": lambda folder: plan("a\0b.yaml"),
     "problems that are a device": lambda folder: [
         "plan", "--problems", "/dev/zero", "--planner", "rrt",
     ],

@@ -16,7 +16,7 @@ from planners.rrt_star_woa import thesis
 from tests.conftest import ROOT, put
 from tests.hardware import test_plant
 from tests.maps import test_files, test_importers
-from tests.planners.test_problems import GOOD
+from tests.planners.test_planners import GOOD
 from tests.planners.test_thesis import FIGURE
 from tests.scenes.test_scenes import WORLDS
 from tests.sim.worlds import box

@@ -1,7 +1,5 @@
 """Shortest ways: against exact ones, near walls, and from nowhere."""
 
-from __future__ import annotations
-
 import itertools
 import math
 

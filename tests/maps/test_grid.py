@@ -1,7 +1,5 @@
 """Cells, walls and distances of a grid."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import shapely

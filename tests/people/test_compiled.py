@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.agents.fakes import reading
 from wheelchair_gym.envs import NavigationVectorEnv
 from wheelchair_gym.geometry.kinematics import arc_step
 from wheelchair_gym.geometry.outline import Footprint, signed_gap
@@ -28,19 +29,11 @@ from wheelchair_gym.people.assistance.state import DOCKING_MARGIN, Freedom
 from wheelchair_gym.people.assistance.step import KINDS, Assistants
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 from wheelchair_gym.sim.settings import ChairSettings
-from wheelchair_gym.types import Reading, Stick
+from wheelchair_gym.types import Stick
 
 CHAIR, SENSORS = ChairSettings(), SensorSettings()
 LIMITS, OUTLINE = CHAIR.limits, Footprint().array
 deflections = st.floats(-1.0, 1.0, allow_nan=False)
-
-
-def reading(scan, twist=(0.0, 0.0), stamp=0.0):
-    far = np.full(8, np.inf, np.float32)
-    scan = np.asarray(scan, np.float32)
-    return Reading(
-        np.zeros(3), np.array(twist), scan, far, np.zeros(8, np.float32), False, 24.0, stamp
-    )
 
 
 def row_of(name, sensors=SENSORS):
@@ -142,20 +135,6 @@ def test_a_steady_low_stick_lowers_the_margin():
     assert margins[-1] == DOCKING_MARGIN < config.margin
     assert margin(high) == config.margin
     assert {margin(Stick(0.3 * (k % 2), 0.0, False)) for k in range(30)} == {config.margin}
-
-
-def test_a_step_is_free_until_the_outline_touches():
-    points = np.array([[OUTLINE[0] + 0.25, 0.0]])
-
-    def free(points, v, margin):
-        return follow_arc(points, OUTLINE, v, 0.0, 0.1, 10, margin, 0.5, -math.inf)[0]
-
-    assert free(points, 0.5, 0.0) == 5
-    assert free(points, -0.3, 0.0) == 10
-    # What already touches may leave, and come no nearer.
-    touching = np.array([[OUTLINE[0] - 0.01, 0.0]])
-    assert free(touching, 0.5, 0.02) == 0
-    assert free(touching, -0.3, 0.02) == 10
 
 
 def followed(points, v, w, margin, maximum):

@@ -2,13 +2,14 @@
 
 import math
 from dataclasses import replace
-from itertools import pairwise
+from itertools import islice, pairwise
 
 import gymnasium as gym
 import numpy as np
 import pytest
 
 from agents.policies import GymPolicy, make_policy
+from tests.agents.fakes import infos_of
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.geometry.planar import to_world, wrap, wrap_angle
 from wheelchair_gym.maps import OccupancyGrid
@@ -24,22 +25,12 @@ from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sim.chair import SimulatedChair
 
 NAVIGATION = "wheelchair_gym/Navigation-v1"
+PLANNED = "visibility+window"
 LASER = SensorSettings().laser
 
 
 def navigation(**settings):
     return gym.make(NAVIGATION, disable_env_checker=True, **settings, split="test")
-
-
-def drive(env, steps=10_000):
-    """Drive from where the environment stands with what it believes; yield the info of a step."""
-    policy = GymPolicy(make_policy("visibility+window"), env)
-    policy.reset()
-    observation, ended = env.unwrapped.task.observation, False
-    while not ended and steps > 0:
-        observation, _, terminated, truncated, info = env.step(policy.act(observation))
-        ended, steps = terminated or truncated, steps - 1
-        yield info
 
 
 def off(estimate, pose):
@@ -56,10 +47,8 @@ def scan(episode, pose):
     """An exact scan (beams,) from a pose, and its ends in the chair's frame."""
     chair = SimulatedChair(sensors=SensorSettings(noise=False))
     ranges = chair.reset(replace(episode, start=np.asarray(pose, float)), 0).laser
-    angles = LASER.yaw + np.linspace(-0.5 * LASER.fov, 0.5 * LASER.fov, LASER.beams)
     met = np.isfinite(ranges)
-    rays = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-    return ranges, (LASER.x, LASER.y) + ranges[met, None] * rays[met]
+    return ranges, (LASER.x, LASER.y) + ranges[met, None] * LASER.directions[met]
 
 
 @pytest.mark.parametrize("turned", [0.0, 0.7])
@@ -88,7 +77,7 @@ def test_a_chair_knows_where_it_is():
     env, errors = navigation(pose_source="mcl"), []
     for seed in range(3):
         env.reset(seed=seed)
-        errors += [off(info["pose_estimate"], info["pose"]) for info in drive(env)]
+        errors += [off(info["pose_estimate"], info["pose"]) for info in infos_of(env, PLANNED)]
     metres, radians = np.array(errors).T
     assert len(metres) > 300
     assert np.sqrt((metres**2).mean()) < 0.05
@@ -103,14 +92,14 @@ def test_what_no_map_shows_leads_nobody_astray(home):
     discs = [(*home.map.to_world(cells[k]), 0.2) for k in rng.permutation(len(cells))]
     env = navigation(pose_source="mcl")
     env.reset(options={"episode": home})
-    path = GymPolicy(make_policy("visibility+window"), env)
+    path = GymPolicy(make_policy(PLANNED), env)
     path.reset()
     path.act(env.unwrapped.task.observation)
     way = env.unwrapped.shown.path
     ends = [np.linspace(a, b, 50) for a, b in pairwise(way)]
     aside = [d for d in discs if np.hypot(*(np.vstack(ends) - d[:2]).T).min() > 1.1]
     env.reset(seed=0, options={"episode": replace(home, discs=np.array(aside[:12]))})
-    errors = [off(info["pose_estimate"], info["pose"])[0] for info in drive(env)]
+    errors = [off(info["pose_estimate"], info["pose"])[0] for info in infos_of(env, PLANNED)]
     assert len(errors) > 50
     assert np.quantile(errors, 0.99) < 0.10
 
@@ -120,7 +109,7 @@ def test_a_crowd_is_no_sign_of_being_lost():
     env, errors = navigation(scene="crowd", pose_source="mcl"), []
     for seed in (3, 5):  # both were lost when people counted as bad fit
         env.reset(seed=seed)
-        for info in drive(env):
+        for info in infos_of(env, PLANNED):
             errors.append(off(info["pose_estimate"], info["pose"])[0])
             assert not env.unwrapped.chair.localizer.lost
     assert len(errors) > 150
@@ -141,7 +130,7 @@ def test_a_lost_chair_finds_itself(seed, carried):
     localiser.start(episode.map, episode.start if carried else None, seed)
 
     def errors(steps):
-        for info in drive(env, steps):
+        for info in islice(infos_of(env, PLANNED), steps):
             v, w = task.reading.twist / 10.0
             moved = np.array([v * math.cos(0.5 * w), v * math.sin(0.5 * w), w])
             yield off(localiser.update(moved, task.reading.laser), info["pose"])

@@ -12,6 +12,7 @@ from wheelchair_gym.actors.records import NOBODY, door, person
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry.kinematics import arc_step
+from wheelchair_gym.geometry.planar import to_world
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid
 from wheelchair_gym.perception import track_state
 from wheelchair_gym.perception.tracker import Tracker, point_to_trackers, update, update_tracker
@@ -137,8 +138,7 @@ def test_a_chair_that_moves_knows_their_speed_over_ground(twist):
         i = np.flatnonzero(tracks.confirmed)
         if len(i) and reading.stamp > 2.0:
             turn = truth.pose[2] - reading.pose[2]
-            c, s = math.cos(turn), math.sin(turn)
-            velocity = tracks.velocity[i[0]] @ np.array([(c, s), (-s, c)])
+            velocity = to_world(tracks.velocity[i[0]], (0.0, 0.0, turn))
             errors.append(np.hypot(*(velocity - (at - before) / 0.1)))
         assert len(i) <= 1
         before = at

@@ -1,7 +1,5 @@
 """Problems with known optima, and a clock for deadlines that no machine's speed changes."""
 
-from __future__ import annotations
-
 import sys
 
 import pytest

@@ -4,8 +4,6 @@
 Starts and goals lie on the oracle's grid, and so do the middles of doors and corridors.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import json

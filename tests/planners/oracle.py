@@ -15,8 +15,6 @@ What the answers mean:
 - The shortest way of the disc round the axle that fits into the chair bounds the length from below.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from dataclasses import dataclass

@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from wheelchair_gym.compiled.kernel import kernel
+from wheelchair_gym.geometry.planar import point_segment_distance
 
 STEP = 0.03  # m
 WIDEST = math.radians(4.0)  # between neighbouring headings
@@ -30,15 +31,6 @@ def grid_headings():
         turned.append(np.stack([-turned[-1][:, 1], turned[-1][:, 0]], axis=1))
     steps = np.vstack(turned)
     return steps, np.arctan2(steps[:, 1], steps[:, 0]) % (2 * math.pi)
-
-
-@kernel
-def _segment_distance(px, py, ax, ay, bx, by):
-    dx, dy = bx - ax, by - ay
-    length = dx * dx + dy * dy
-    t = ((px - ax) * dx + (py - ay) * dy) / length if length > 0.0 else 0.0
-    t = 0.0 if t < 0.0 else (1.0 if t > 1.0 else t)
-    return math.hypot(ax + t * dx - px, ay + t * dy - py)
 
 
 @kernel
@@ -154,7 +146,8 @@ def fill(edges, discs, solid, frame, headings, outline, box, poses, pivots):
                 continue
             n, m, gap = 0, 0, math.inf
             for k in range(edges.shape[0]):
-                d = _segment_distance(x, y, edges[k, 0], edges[k, 1], edges[k, 2], edges[k, 3])
+                ax, ay, bx, by = edges[k, 0], edges[k, 1], edges[k, 2], edges[k, 3]
+                d = point_segment_distance(x, y, ax, ay, bx, by)
                 gap = min(gap, d)
                 if d < reach:
                     near[n] = k

@@ -43,12 +43,10 @@ def test_grids_are_complete_at_their_resolution(rectangles, resolution):
     room = dataclasses.replace(problem, clearance=resolution / math.sqrt(2) * 1.001)
     if make_planner("visibility").plan(room, np.random.default_rng(0)).status != Status.SOLVED:
         return
-    for name in ("a_star", "bfs", "dfs", "dijkstra"):
-        planner = make_planner({"name": name, "resolution": resolution, "refinements": 0})
+    searches = [{"name": name} for name in ("a_star", "bfs", "dfs", "dijkstra")]
+    for search in (*searches, {"name": "a_star", "connectivity": 4}):
+        planner = make_planner({**search, "resolution": resolution, "refinements": 0})
         assert planner.plan(problem, np.random.default_rng(0)).status == Status.SOLVED
-    planner = make_planner({"name": "a_star", "resolution": resolution, "refinements": 0,
-                            "connectivity": 4})  # fmt: skip
-    assert planner.plan(problem, np.random.default_rng(0)).status == Status.SOLVED
 
 
 @settings(max_examples=25, deadline=None)

@@ -11,7 +11,7 @@ from tests.planners.footprints import judged
 from tests.planners.oracle import Oracle
 from tests.planners.pose_grid import STEP, WIDEST, grid_headings
 from wheelchair_gym.geometry.outline import Footprint
-from wheelchair_gym.geometry.planar import polygon_edges
+from wheelchair_gym.geometry.planar import polygon_edges, to_world
 
 BLOCK = shapely.box(4, 4, 6, 6)
 BOUNDS = (0, 0, 10, 10)
@@ -64,11 +64,6 @@ WEDGE = [(0.9, 0.0), (1.5, 0.0), (1.3, 0.5)]
 DISC = (0.3, 2.2, 0.25)
 
 
-def storey(door):
-    """A corridor of 1.2 m along the bottom, and a room above it behind a door round x = 1.5."""
-    return [(0.0, 1.2, 1.5 - door / 2, 1.3), (1.5 + door / 2, 1.2, 3.0, 1.3)]
-
-
 def test_headings_are_whole_steps_all_round():
     steps, headings = grid_headings()
     gaps = np.diff(np.append(headings, headings[0] + 2 * math.pi))
@@ -85,18 +80,12 @@ def test_poses_and_pivots_agree_with_shapely():
     poses, pivots = oracle.free
     corners, world = Footprint().corners, shapely.box(*BOX).buffer(1e-9)
     rng = np.random.default_rng(0)
-
-    def covered(x, y, yaw):
-        c, s = np.cos(yaw), np.sin(yaw)
-        turned = corners @ np.moveaxis(np.array([(c, s), (-s, c)]), -1, 0) + (x, y)
-        return shapely.polygons(turned)
-
     for _ in range(500):
         h, i, j = (int(rng.integers(size)) for size in oracle.shape)
         x, y = oracle.frame[0] + j * STEP, oracle.frame[1] + i * STEP
         after = oracle.headings[(h + 1) % len(oracle.headings)]
         yaws = oracle.headings[h] + np.linspace(0, (after - oracle.headings[h]) % math.tau, 30)
-        chair = covered(x, y, yaws)
+        chair = shapely.polygons([to_world(corners, (x, y, yaw)) for yaw in yaws])
         free = (shapely.area(chair & solid) < 1e-9) & shapely.covers(world, chair)
         assert poses[h, i, j] == free[0]
         assert pivots[h, i, j] == free.all()
@@ -104,7 +93,9 @@ def test_poses_and_pivots_agree_with_shapely():
 
 @pytest.mark.parametrize(("door", "feasible"), [(0.70, True), (0.50, False)])
 def test_a_door_is_passed_if_it_is_wide_enough(door, feasible):
-    verdict = judged((3.0, 2.7), storey(door), (0.45, 0.6, 0.0), (1.5, 1.8), Footprint())
+    """From a corridor of 1.2 m along the bottom to a room above it; the door is round x = 1.5."""
+    walls = [(0.0, 1.2, 1.5 - door / 2, 1.3), (1.5 + door / 2, 1.2, 3.0, 1.3)]
+    verdict = judged((3.0, 2.7), walls, (0.45, 0.6, 0.0), (1.5, 1.8), Footprint())
     assert verdict.feasible is feasible
     assert (verdict.upper < math.inf) == feasible
     if feasible:

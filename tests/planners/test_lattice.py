@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from planners import Problem, Space, Status, make_planner
 from planners.collision.footprint import MIN_GAP
-from planners.collision.solids import union
 from planners.judge import plan_faults, sweep_faults
 from planners.lattice.flood import is_cut_off
 from planners.lattice.lattice import Lattice
@@ -20,6 +19,7 @@ from tests.planners.footprints import path_gaps, read, stretches_of
 from wheelchair_gym.base.settings import dump
 from wheelchair_gym.geometry.kinematics import arc_step
 from wheelchair_gym.geometry.outline import Footprint
+from wheelchair_gym.geometry.planar import to_world
 
 BOUNDS = (0.0, 0.0, 6.0, 5.0)
 DOOR = 1.0  # m
@@ -29,19 +29,14 @@ HARD = {"three_point_turn", "l_turn_66", "l_turn_84"}  # seconds
 CASES = {case.problem.name: case for case in read()}
 
 
-def storey(door=DOOR):
-    """A corridor along the bottom, and a room above it behind a wall with a door."""
+def plan(start, goal, door=DOOR, **settings):
+    """A plan among a corridor along the bottom, and a room above it behind a wall with a door."""
     low, high = CORRIDOR, CORRIDOR + 0.12
     walls = [(0.0, low, 3.0, high), (3.0 + door, low, 6.0, high)]
-    return [np.array([(a, b), (c, b), (c, d), (a, d)]) for a, b, c, d in walls]
-
-
-def plan(start, goal, clearance=0.36, door=DOOR, deadline=None, **settings):
-    problem = Problem(
-        Space(union(storey(door)), BOUNDS), np.array(start), np.array(goal), clearance
-    )
+    space = Space.from_rectangles(walls, BOUNDS)
+    problem = Problem(space, np.array(start), np.array(goal), 0.36)
     planner = make_planner({"name": "lattice", **settings})
-    return planner.plan(problem, np.random.default_rng(0), deadline), problem
+    return planner.plan(problem, np.random.default_rng(0)), problem
 
 
 @pytest.mark.parametrize("name", long_but(CASES, set(CASES) - HARD))
@@ -103,19 +98,14 @@ def test_a_chair_that_cannot_go_back_does_not(monkeypatch):
     assert planner.plan(case.problem, np.random.default_rng(0)).status is Status.EXHAUSTED
 
 
-def is_proven(case, spacing):
-    """Return True if the flood at a spacing proves that a problem has no path."""
-    problem, footprint, _ = case
-    motion = Lattice().motion_cost(footprint, Lattice().limits, MIN_GAP)
-    goal = np.asarray(problem.goal, dtype=np.float64)
-    return is_cut_off(problem.space, motion, problem.start, goal, spacing, math.inf)
-
-
 @pytest.mark.parametrize("spacing", [0.05, 0.035, 0.02])
 def test_the_flood_never_shuts_a_way_that_there_is(spacing):
-    for name, case in CASES.items():
-        if case.verdict.feasible:
-            assert not is_proven(case, spacing), name
+    for name, (problem, footprint, verdict) in CASES.items():
+        motion = Lattice().motion_cost(footprint, Lattice().limits, MIN_GAP)
+        goal = np.asarray(problem.goal, dtype=np.float64)
+        if verdict.feasible:
+            ends = problem.start, goal
+            assert not is_cut_off(problem.space, motion, *ends, spacing, math.inf), name
 
 
 def bend(clearance):
@@ -164,9 +154,7 @@ def test_the_gap_of_a_stretch_is_that_of_all_its_poses(corners, way, turn, outli
     footprint = Footprint(*outline)
     times = np.linspace(0.0, 1.0, 300)
     poses = np.array([arc_step(0.0, 0.0, 0.0, way, turn, t) for t in times])
-    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-    turned = footprint.corners @ np.moveaxis(np.array([(c, s), (-s, c)]), -1, 0)
-    chair = shapely.polygons(turned + poses[:, None, :2])
+    chair = shapely.polygons([to_world(footprint.corners, pose) for pose in poses])
     gaps = shapely.distance(chair, triangle)
     if gaps[0] == 0.0:
         return

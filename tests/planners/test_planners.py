@@ -9,6 +9,7 @@ import pytest
 from planners import PLANNERS, Problem, Space, Status, make_planner
 from planners.judge import TOLERANCE, Judge
 from planners.problem_files import read_problems
+from tests.conftest import put
 from tests.copies import COPIERS, differences
 from tests.planners.make_problems import FILE, problems
 from wheelchair_gym.base.settings import InputError
@@ -18,6 +19,7 @@ PROVE = {"bug1", "bug2", "cell_decomposition", "visibility"}
 COMPLETE = PROVE | {"a_star", "bfs", "dfs", "dijkstra", "voronoi"}
 GIVEN_UP = {Status.EXHAUSTED, Status.STUCK}  # what may be said without a proof
 WAYS = [(1.0, 1.0), (9.0, 9.0)]
+GOOD = {"name": "a", "size": 5.0, "rects": [[1, 1, 2, 2]], "start": [0.5, 0.5], "goal": [4, 4]}
 BOX = [(6, 6, 6.5, 10), (6, 6, 10, 6.5)]  # closes a corner of the map round (9, 9)
 
 
@@ -60,6 +62,16 @@ def test_visibility_finds_every_stored_optimum(file, request):
     for problem, optimum in read_problems(file):
         plan = make_planner("visibility").plan(problem, np.random.default_rng(0))
         assert plan.length == pytest.approx(optimum, abs=TOLERANCE), problem.name
+
+
+def test_a_file_reads_back(tmp_path):
+    (problem, optimum), (_, none) = read_problems(
+        put(tmp_path / "problems.json", [{**GOOD, "optimum": 5.1}, {**GOOD, "optimum": None}])
+    )
+    assert (problem.name, optimum, none) == ("a", 5.1, None)
+    assert problem.space.bounds == (0, 0, 5, 5)
+    assert problem.space.solid.area == 1.0
+    np.testing.assert_array_equal(problem.goal, (4, 4))
 
 
 def test_the_problems_are_what_their_generator_writes():

@@ -10,18 +10,20 @@ from planners import Problem, Space, make_planner
 from planners.rrt_star_woa.path_shortening import RrtStarWoaGlobal
 from planners.rrt_star_woa.thesis import FIGURE_3_1, GLOBAL
 from planners.rrt_star_woa.woa import WhaleParameters, move, new_whales, tell
-from tests.planners.test_trees import assert_free, walled
+from tests.planners.test_planners import on
+from tests.planners.test_trees import RECTANGLES, assert_free
 from wheelchair_gym.compiled.random import next_uniform, stream
 
 # Written for compiled integers, which wrap without a word.
 pytestmark = pytest.mark.filterwarnings("ignore:overflow encountered:RuntimeWarning")
 D = 4
 WIDE = np.full(D, 1e9)
+LEADER = np.arange(1.0, D + 1)
 LATEST, LOCAL, TREE = (
     make_planner(FIGURE_3_1.planner(name)) for name in (GLOBAL, "rrt_star_woa_local", "rrt_star")
 )
 BEST = replace(LATEST, whales=replace(LATEST.whales, leader="best"))
-PROBLEM = walled()
+PROBLEM = on(RECTANGLES)
 
 
 def moved(population, best, a, mu, lam, seed=0):
@@ -41,15 +43,14 @@ def population():
 
 
 def test_without_spirals_and_search_whales_encircle_the_best(population):
-    best = np.arange(1.0, D + 1)
-    after, draws = moved(population, best, a=2.0, mu=1.0, lam=np.inf)
+    after, draws = moved(population, LEADER, a=2.0, mu=1.0, lam=np.inf)
     A = 2 * 2.0 * draws[0] - 2.0
     C = 2 * np.array(draws[2 : 2 + D])
-    np.testing.assert_allclose(after[0], best - A * abs(C * best - population[0]))
+    np.testing.assert_allclose(after[0], LEADER - A * abs(C * LEADER - population[0]))
 
 
 def test_at_lambda_0_whales_search_and_the_best_means_nothing(population):
-    after, draws = moved(population, np.arange(1.0, D + 1), a=2.0, mu=1.0, lam=0.0)
+    after, draws = moved(population, LEADER, a=2.0, mu=1.0, lam=0.0)
     other, _ = moved(population, np.full(D, -7.0), a=2.0, mu=1.0, lam=0.0)
     np.testing.assert_array_equal(after, other)
     A = 2 * 2.0 * draws[0] - 2.0
@@ -59,17 +60,15 @@ def test_at_lambda_0_whales_search_and_the_best_means_nothing(population):
 
 
 def test_at_mu_0_whales_follow_the_spiral(population):
-    best = np.arange(1.0, D + 1)
-    after, draws = moved(population, best, a=2.0, mu=0.0, lam=1.0)
+    after, draws = moved(population, LEADER, a=2.0, mu=0.0, lam=1.0)
     phase = 2 * draws[2] - 1
     swirl = np.exp(phase) * np.cos(2 * np.pi * phase)
-    np.testing.assert_allclose(after[0], abs(best - population[0]) * swirl + best)
+    np.testing.assert_allclose(after[0], abs(LEADER - population[0]) * swirl + LEADER)
 
 
 def test_whales_gather_at_the_best_once_a_is_zero(population):
-    best = np.arange(1.0, D + 1)
-    after, _ = moved(population, best, a=0.0, mu=1.0, lam=1.0)
-    np.testing.assert_array_equal(after, np.tile(best, (len(population), 1)))
+    after, _ = moved(population, LEADER, a=0.0, mu=1.0, lam=1.0)
+    np.testing.assert_array_equal(after, np.tile(LEADER, (len(population), 1)))
 
 
 @pytest.mark.parametrize("latest", [False, True])

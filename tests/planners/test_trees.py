@@ -25,11 +25,7 @@ RECTANGLES = [(4.0, 0.0, 5.0, 7.0), (7.0, 3.0, 8.0, 10.0), (1.0, 4.0, 3.0, 5.0)]
 SHORTEST = np.hypot(2, 3) + np.hypot(1, 3) + 1.0 + np.hypot(2, 4) + 1.0 + np.hypot(1, 6)
 
 
-def walled():
-    return on(RECTANGLES)
-
-
-problem = pytest.fixture(walled, scope="module", name="problem")
+problem = pytest.fixture(lambda: on(RECTANGLES), scope="module", name="problem")
 
 
 def assert_free(problem, path):

@@ -6,13 +6,14 @@ import math
 import numpy as np
 import pytest
 
+from tests.agents.fakes import reading
 from wheelchair_gym.actors.records import combine, door, furniture, obstacle, person
 from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.geometry.planar import polygon_edges, to_frame, to_world
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.rendering import PlanPicture, TopView, floor, palette
 from wheelchair_gym.rendering.picture import CHAIR_ALPHA
-from wheelchair_gym.types import Episode, Reading, no_discs
+from wheelchair_gym.types import Episode, no_discs
 
 OUTER = [(-0.2, -0.2), (8.2, -0.2), (8.2, 6.2), (-0.2, 6.2)]
 INNER = [(0.0, 0.0), (8.0, 0.0), (8.0, 6.0), (0.0, 6.0)]
@@ -30,19 +31,6 @@ def room(origin=(0.0, 0.0, 0.0)):
         goal=np.array([7.0, 5.0, 0.0]),
         walls=np.vstack([polygon_edges(p) for p in (OUTER, INNER, BLOCK)]),
         discs=np.array([[3.0, 1.2, 0.4]]),
-    )
-
-
-def reading(pose, laser=(), ultrasonic=np.inf, age=0.0):
-    return Reading(
-        np.asarray(pose, dtype=float),
-        np.zeros(2),
-        np.asarray(laser, dtype=np.float32),
-        np.full(8, ultrasonic, dtype=np.float32),
-        np.full(8, age, dtype=np.float32),
-        False,
-        24.0,
-        0.0,
     )
 
 
@@ -115,14 +103,16 @@ def test_map_is_laid_where_its_origin_turns_it():
 def test_laser_ends_and_cones_reach_as_far_as_they_read(view):
     pose = np.array([4.0, 3.0, 0.0])
     scan = np.full(271, 2.0)
-    image = view.draw(pose, reading(pose, scan))
+    image = view.draw(pose, reading(scan, pose=pose))
     assert colour_at(image, view.frame, (4.66 + 2.0, 3.0)) == palette.LASER
-    through_gap = view.draw(pose, reading(pose, np.where(np.arange(271) == 135, 3.0, scan)))
+    through_gap = view.draw(pose, reading(np.where(np.arange(271) == 135, 3.0, scan), pose=pose))
     assert colour_at(through_gap, view.frame, (4.66 + 3.0, 3.0)) == palette.LASER
     fan = over(palette.LASER, palette.FREE, 0.10)
     assert np.abs(colour_at(image, view.frame, (4.66 + 1.9, 3.0)) - fan).max() <= 2
     assert colour_at(image, view.frame, (4.66 + 2.1, 3.0)) == palette.FREE
-    fresh, old = (view.draw(pose, reading(pose, ultrasonic=1.0, age=a)) for a in (0.0, 0.9))
+    fresh, old = (
+        view.draw(pose, reading((), pose=pose, ultrasonic=1.0, age=a)) for a in (0.0, 0.9)
+    )
     at = to_world((0.40, 0.31 + 0.8), pose)  # inside the left wide cone
     ground = np.array(palette.FREE)
     strength = [np.abs(colour_at(i, view.frame, at) - ground).sum() for i in (fresh, old)]
@@ -134,14 +124,14 @@ def test_laser_ends_and_cones_reach_as_far_as_they_read(view):
 def test_no_echo_draws_no_point_and_bad_values_do_no_harm(view):
     pose = (4.0, 3.0, 0.0)
     for bad in (np.nan, np.inf, -np.inf):
-        image = view.draw(pose, reading(pose, np.full(271, bad), bad, 0.0))
+        image = view.draw(pose, reading(np.full(271, bad), pose=pose, ultrasonic=bad))
         assert not (image == palette.LASER).all(axis=-1).any()
 
 
 def test_estimate_is_drawn_only_where_it_differs(view):
     pose = np.array([4.0, 3.0, 0.5])
-    assert (view.draw(pose, reading(pose)) == view.draw(pose)).all()
-    ghost = view.draw(pose, reading(np.add(pose, (0.3, 0.0, 0.0))))
+    assert (view.draw(pose, reading((), pose=pose)) == view.draw(pose)).all()
+    ghost = view.draw(pose, reading((), pose=np.add(pose, (0.3, 0.0, 0.0))))
     assert (ghost == palette.ESTIMATE).all(axis=-1).any()
 
 
@@ -154,7 +144,9 @@ def test_same_arguments_give_the_same_picture_and_leave_the_background(view):
         "look_ahead": [(5, 4)],
         "caption": "1.0 s",
     }
-    first, second = (view.draw(pose, reading(pose, np.full(90, 1.5)), **arguments) for _ in "ab")
+    first, second = (
+        view.draw(pose, reading(np.full(90, 1.5), pose=pose), **arguments) for _ in "ab"
+    )
     assert (first == second).all()
     assert (view.background.image == before).all()
     assert (TopView(room()).draw(pose) == view.draw(pose)).all()
@@ -254,7 +246,7 @@ def test_a_lone_beam_without_echo_is_no_spike(view, beam):
     scan[beam] = np.inf
     angle = math.radians(beam - 135)
     beyond = (4.66 + 1.3 * math.cos(angle), 3.0 + 1.3 * math.sin(angle))
-    assert colour_at(view.draw(pose, reading(pose, scan)), view.frame, beyond) == palette.FREE
+    assert colour_at(view.draw(pose, reading(scan, pose=pose)), view.frame, beyond) == palette.FREE
 
 
 @pytest.mark.parametrize("size", [(640, 320), (480, 640), 320, 1000])

@@ -24,11 +24,6 @@ TEN = env_settings(None, model="rear_ultrasonics").sensors
 BACKWARD = np.array([-0.3, 0.0])
 
 
-def cell_at(x, y):
-    """The cell of the shield's grid at a place [m]."""
-    return math.floor(x / CELL), math.floor(y / CELL)
-
-
 def with_more(*lasers, **others):
     return settings.SensorSettings(ultrasonic=NONE, more_lasers=lasers, **others)
 
@@ -166,8 +161,8 @@ def test_a_rear_scanner_that_tells_nothing_shows_nothing_free(what):
             ranges[at] = np.inf if what == "blind" else kept
         reading = chair.drive(shield.filter(0.1 * TURN, reading._replace(laser=ranges)))
     state = shield.state[0]
-    seen = state["seen"][[int(place_of_cell.py_func(i + k, j)) for i, j in [cell_at(-1.2, 0.0)]
-                          for k in (0, 1)]]  # fmt: skip
+    behind = math.floor(-1.2 / CELL)  # along x
+    seen = state["seen"][[int(place_of_cell.py_func(behind + k, 0)) for k in (0, 1)]]
     fresh = state["stamp"] - 0.25
     assert (seen < fresh).all()
     assert (seen > 0.0).any() == (what != "short")

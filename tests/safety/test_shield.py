@@ -1,7 +1,5 @@
 """Laws of the shield: it stops in time, leaves a way out, and trusts no dead sensor."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -15,6 +15,7 @@ from planners.problem import Problem, Status
 from tests.scenes.test_footprints import CHAIRS
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv
+from wheelchair_gym.geometry.planar import compose
 from wheelchair_gym.maps import bottleneck
 from wheelchair_gym.recording.topics import EPISODE, FIELDS
 from wheelchair_gym.scenes import make_scene
@@ -119,10 +120,7 @@ def test_a_chair_has_arrived_within_the_rectangle_slowly_and_in_line(
     pose, speed, less, arrives, turn
 ):
     goal = np.array([3.0, -2.0, turn])
-    c, s = math.cos(turn), math.sin(turn)
-    x, y, yaw = pose
-    at = np.array([goal[0] + c * x - s * y, goal[1] + s * x + c * y, turn + yaw])
-    assert reached_pose(at, speed, goal, np.array(ARRIVAL), less) == arrives
+    assert reached_pose(compose(goal, pose), speed, goal, np.array(ARRIVAL), less) == arrives
 
 
 def test_recordings_keep_the_arrival():

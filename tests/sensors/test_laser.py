@@ -171,14 +171,3 @@ def test_a_laser_at_the_edge_does_not_look_through_what_the_chair_touches(mount,
         assert np.isneginf(scan[ahead]).all()
         behind_it = np.abs(laser.angles) > math.radians(100.0)
         assert scan[behind_it] == pytest.approx(before[behind_it], abs=0.02)
-
-
-def test_same_key_same_noise_and_others_differ():
-    arrays = lasers.LaserArrays.of(LaserSettings(), True)
-    scans = []
-    for key, step in ((1, 0), (1, 0), (2, 0), (1, 1)):
-        out = np.full(1081, 3.0, np.float32)
-        lasers.add_laser_noise(arrays, np.uint64(key), step, out)
-        scans.append(out.tobytes())
-    assert scans[0] == scans[1]
-    assert len(set(scans)) == 3

@@ -22,12 +22,6 @@ STEP_ONCE = drive_train.physics_step.py_func
 MOVE_ON, BODY_VIEW = period.decide_actors, period.body_view
 
 
-def run_as_python(patch):
-    """Run the parts of a physics step as plain Python."""
-    for name in ("_drag_of_casters", "_turn_wheel", "_slide", "_drain_battery"):
-        patch.setattr(drive_train, name, getattr(drive_train, name).py_func)
-
-
 def made_of(row):
     """An actor's body and shape, made by the API."""
     length, width = row["size"].tolist()
@@ -138,7 +132,8 @@ class Oracle:
         with self.monkeypatch.context() as patch:
             patch.setattr(drive_train, "body_view", lambda address: self.fields[0])
             patch.setattr(drive_train, "step_space", step_space)
-            run_as_python(patch)
+            for name in ("_drag_of_casters", "_turn_wheel", "_slide", "_drain_battery"):
+                patch.setattr(drive_train, name, getattr(drive_train, name).py_func)
             return STEP_ONCE(
                 Record(self.lent.chairs.states), Record(self.lent.chairs.parameters), k, 1, 0, 0
             )

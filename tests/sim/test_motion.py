@@ -8,6 +8,7 @@ import pytest
 from tests.copies import same_fields
 from tests.sim.worlds import box, cluttered, exact_chair, placed
 from wheelchair_gym.engine import GRAVITY
+from wheelchair_gym.geometry.kinematics import approach
 from wheelchair_gym.geometry.planar import to_world
 from wheelchair_gym.sim.settings import BatterySettings, BodySettings
 
@@ -23,6 +24,16 @@ def run(chair, twist, steps):
         poses.append(chair.truth.pose)
         twists.append(chair.truth.twist)
     return np.array(poses), np.array(twists)
+
+
+def test_an_approach_ends_on_its_target_and_stays():
+    """From any start to any target, exactly, since all callers take zero for rest."""
+    rng = np.random.default_rng(0)
+    for _ in range(500):
+        speed, slope, target = rng.uniform(-1, 1), 0.0, rng.choice([0.0, rng.uniform(-1, 1)])
+        for _ in range(3000):
+            speed, slope = approach(speed, slope, target, 0.5, 0.8, 1.0, 0.01)
+        assert (speed, slope) == (target, 0.0)
 
 
 def test_a_straight_drive_and_its_stop_keep_the_limits():

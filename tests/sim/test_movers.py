@@ -21,11 +21,6 @@ STILL, FORWARD = np.zeros(2), np.array([0.8, 0.0])
 QUIET = SensorSettings(noise=False, laser=LaserSettings(beams=32))
 
 
-def among(*things, half=5.0, start=(0.0, 0.0, 0.0)):
-    """A square room with actors."""
-    return box(half, start, actors=things)
-
-
 def actor_states(chair):
     return chair.chairs.pointers.array("actor_states")
 
@@ -147,7 +142,7 @@ def test_a_person_who_ignores_the_chair_is_stopped_and_does_not_move_it():
     crowd = [records.person([side, (0.2, 0.0)], 1.8, avoids=records.NOBODY) for side in sides]
     chair = exact_chair()
     start = (0.2, -2.66, 0.0)
-    chair.reset(among(*crowd, half=3.0, start=start), 0)
+    chair.reset(box(3.0, start, actors=crowd), 0)
     touched = set()
     for _ in range(300):
         reading = chair.drive(STILL)
@@ -169,7 +164,7 @@ def test_people_never_press_the_chair_through_a_wall_while_it_drives():
         for k, x in enumerate((-2.5, -1.9, 2.5, 1.9, 1.2))
     ]
     crowd.append(records.furniture((0.9, -1.5, 0.0), (0.5, 0.4), 8.0))
-    episode = among(*crowd, half=3.0, start=(-0.8, -2.55, 0.1))
+    episode = box(3.0, (-0.8, -2.55, 0.1), actors=crowd)
     chair = placed(exact_chair(), episode, 1)
     rng, contacts = np.random.default_rng(0), 0
     for k in range(400):
@@ -186,7 +181,7 @@ def test_people_never_press_the_chair_through_a_wall_while_it_drives():
 
 def test_light_furniture_is_pushed_and_stays_where_it_is_left():
     for size in ((0.5, 0.4), (0.2, 0.0)):
-        chair = placed(exact_chair(), among(records.furniture((1.3, 0.0, 0.0), size, 8.0)))
+        chair = placed(exact_chair(), box(actors=[records.furniture((1.3, 0.0, 0.0), size, 8.0)]))
         bumped = False
         for _ in range(30):
             bumped |= chair.drive(FORWARD).bumped
@@ -220,7 +215,7 @@ def test_light_furniture_is_pushed_and_stays_where_it_is_left():
     ],
 )
 def test_a_chair_that_drives_into_something_is_at_fault(thing, at_fault, contact_with):
-    chair = placed(exact_chair(), among(thing, half=3.0))
+    chair = placed(exact_chair(), box(3.0, actors=[thing]))
     for _ in range(120):
         reading = chair.drive(FORWARD)
         if chair.truth.contact:
@@ -241,7 +236,7 @@ def test_a_chair_that_is_shoved_into_a_wall_has_not_caused_it(twist):
     """Somebody pushes a trolley into its back; the wall is 20 cm ahead."""
     trolley = records.furniture((3.4, 0.1, 0.0), (0.6, 0.6), 120.0, 0.02)
     runner = records.person([(1.5, 0.1), (6.0, 0.1)], 2.0, avoids=records.NOBODY, mass=200.0)
-    chair = placed(exact_chair(), among(trolley, runner, half=5.0, start=(4.1, 0.0, 0.0)))
+    chair = placed(exact_chair(), box(5.0, (4.1, 0.0, 0.0), actors=[trolley, runner]))
     hardest = 0.0
     for _ in range(60):
         chair.drive(np.array(twist))
@@ -254,7 +249,7 @@ def test_a_chair_that_is_shoved_into_a_wall_has_not_caused_it(twist):
 @pytest.mark.parametrize("friction", [0.05, 0.2, 0.7])
 def test_a_chair_that_slides_into_a_wall_has_caused_it(friction):
     """It is told to stand when it is too late: what it still does is its own doing."""
-    chair = placed(exact_chair(body=BodySettings(friction=friction)), among(half=5.0))
+    chair = placed(exact_chair(body=BodySettings(friction=friction)), box(5.0))
     stop_at = 5.0 - 0.7 - 0.15
     for _ in range(120):
         chair.drive(FORWARD if chair.truth.pose[0] < stop_at else STILL)
@@ -301,7 +296,7 @@ def test_a_door_opens_for_the_chair_and_never_closes_on_it():
     leaf = records.door((1.0, -0.5), math.pi / 2, 1.0, -1.0, swings=False, near=1.2)
     swing = records.door((-1.5, -0.5), math.pi / 2, 1.0, math.pi / 2, stay=2.0, every=6.0)
     chair = exact_chair()
-    episode = among(leaf, swing, half=4.0, start=(-0.6, 0.0, 0.0))
+    episode = box(4.0, (-0.6, 0.0, 0.0), actors=[leaf, swing])
     chair.reset(episode, 0)
     shares = []
     for k in range(200):
@@ -321,7 +316,7 @@ def test_a_door_opens_for_the_chair_and_never_closes_on_it():
 def test_a_leaf_seen_end_on_is_as_wide_as_it_is_thick():
     """40 mm of it, 1 m ahead of the laser."""
     chair = exact_chair()
-    reading = chair.reset(among(records.door((1.66, 0.0), 0.0, 1.0, 1.0)), 0)
+    reading = chair.reset(box(actors=[records.door((1.66, 0.0), 0.0, 1.0, 1.0)]), 0)
     on = np.flatnonzero(reading.laser < 1.5)
     angles = chair.sensors.laser.angles[on]
     assert np.ptp(angles) == pytest.approx(2 * math.atan(0.02), abs=math.radians(0.5))
@@ -331,7 +326,7 @@ def test_a_leaf_seen_end_on_is_as_wide_as_it_is_thick():
 def test_a_leaf_that_is_held_waits_at_a_distance():
     """It closes on a timetable while the chair stands in its way."""
     leaf = records.door((0.0, 1.0), 0.0, 1.2, -math.pi / 2, since=0.0, stay=3.0, minimum=0.15)
-    chair = placed(exact_chair(), among(leaf, start=(0.0, 0.0, 0.0)))
+    chair = placed(exact_chair(), box(actors=[leaf]))
     for _ in range(80):
         chair.drive(STILL)
         _, segments = records.actor_shapes(chair._episode.actors, chair.truth.actor_poses)
@@ -345,7 +340,8 @@ def test_a_leaf_closes_on_nobody_while_it_leaves_another():
     """Somebody stands close behind it, the chair before it: either holds it by itself."""
     leaf = records.door((0.0, 1.0), 0.0, 1.2, -math.pi / 2, stay=20.0, since=0.0)
     chair = exact_chair()
-    chair.reset(among(leaf, records.person([(0.6, 1.28)]), start=(0.1, 0.35, 0.0)), 0)
+    behind = records.person([(0.6, 1.28)])
+    chair.reset(box(start=(0.1, 0.35, 0.0), actors=[leaf, behind]), 0)
     for _ in range(60):
         chair.drive(STILL)
         assert not chair.truth.contact
@@ -355,7 +351,7 @@ def test_a_leaf_closes_on_nobody_while_it_leaves_another():
 def test_obstacles_appear_at_their_distance_and_go_again():
     things = [records.obstacle((2.5, 0.0), 0.25, near=1.4, minimum=1.2, stay=3.0),
               records.obstacle((0.9, 0.2), 0.25, since=1.0, minimum=1.2, stay=1.0)]  # fmt: skip
-    chair = placed(exact_chair(), among(*things))
+    chair = placed(exact_chair(), box(actors=things))
     there, first = [], math.nan
     for k in range(80):
         chair.drive(np.array([0.2 if k < 30 else 0.0, 0.0]))

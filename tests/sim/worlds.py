@@ -1,7 +1,5 @@
 """Worlds and chairs that several tests drive in."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from typing import Any

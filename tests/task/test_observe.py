@@ -67,14 +67,6 @@ def told(scan, poses=()):
     return out.reshape(-1, 2)
 
 
-def test_gaps_of_a_corridor_are_what_is_left_of_its_width():
-    scan = corridor(0.45, 0.6)
-    here, moved, wide = told(scan, [(0.8, 0.1, 0.0), (0.5, -0.9, 0.0)])
-    assert here == pytest.approx([0.45 - 0.31, 0.6 - 0.31], abs=1e-3)
-    assert moved == pytest.approx([0.35 - 0.31, 0.7 - 0.31], abs=1e-3)
-    assert wide[0] == pytest.approx(0.3 - 0.31, abs=1e-3)  # the wall at -0.6 is on its left
-
-
 @pytest.mark.parametrize("poses", [[], AHEAD, [(-0.9, 0.2, 0.1), (-1.5, -0.4, 2.9)]])
 def test_gaps_are_those_of_the_points_beside_each_pose(poses):
     rng = np.random.default_rng(3)

@@ -1,7 +1,5 @@
 """Laws of the planner benchmark: one judge, nothing computed twice, nothing lost."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import dataclass

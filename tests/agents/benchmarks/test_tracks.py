@@ -1,7 +1,5 @@
 """The benchmark: its frozen episodes, policies in their own process, and what `verify` finds."""
 
-from __future__ import annotations
-
 import gc
 import json
 import os

@@ -4,8 +4,8 @@ import json
 import math
 import os
 import re
-import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -21,7 +21,7 @@ from agents.control import FOLLOWERS
 from agents.evaluation.compare import SUITES
 from agents.evaluation.provenance import command_line
 from planners import PLANNERS, Plan, Status, make_planner
-from tests.conftest import ROOT, json_file, json_of, output_of, refusal, run
+from tests.conftest import ROOT, json_file, json_of, output_of, python, refusal, run
 from tests.hardware.realtime import EPISODE, X, Y
 from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, write_map
@@ -266,11 +266,13 @@ def test_results_name_the_command_as_a_person_types_it(monkeypatch):
 
 
 def test_settings_come_from_a_file_and_from_changes(tmp_path):
+    """A tree that ends with the first path in its planner still does when its step is changed."""
     file = json_file(tmp_path / "mine.json", {"rrt_star_woa_local": {"tree": {"step": 2.0}}})
     given = spec(f"{file}:rrt_star_woa_local")
     planner = make_planner(changed(given, ["tree.iterations=30000", "whales.population=7"]))
-    assert (planner.tree.step, planner.tree.iterations) == (2.0, 30000)
-    assert planner.whales.population == 7
+    default = make_planner("rrt_star_woa_local")
+    assert planner.tree == replace(default.tree, step=2.0, iterations=30000)
+    assert planner.whales == replace(default.whales, population=7)
     assert planner.tree.return_on_first_path
 
 
@@ -350,8 +352,5 @@ sys.exit(cli.main())
 
 
 def test_ctrl_c_stops_a_command_also_where_python_drops_the_interrupt():
-    ran = subprocess.run(
-        [sys.executable, "-c", LOST], cwd=ROOT, capture_output=True, text=True, check=False,
-        timeout=600,
-    )  # fmt: skip
+    ran = python(LOST)
     assert (ran.returncode, ran.stderr) == (130, "wheelchair: stopped\n")

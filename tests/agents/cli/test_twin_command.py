@@ -9,8 +9,7 @@ import sys
 import numpy as np
 import pytest
 
-from agents.cli import main
-from tests.conftest import ROOT, need_pty, put, refusal
+from tests.conftest import ROOT, need_pty, output_of, put, refusal
 from tests.hardware.conftest import build_twin
 from tests.hardware.served import hear_interrupts
 from wheelchair_gym.envs import EnvSettings, NavigationEnv
@@ -88,8 +87,7 @@ def test_policies_are_compared_on_a_twin_whose_plant_differs(tmp_path, capsys):
     assert np.nanmedian(ranges[1] - ranges[0]) == pytest.approx(0.05, abs=2e-3)
     words = ["compare", "--policies", "straight", "--scenes", "empty", "--episodes", "1"]
     words += ["--no-video", "--quiet", "--jobs", "1", "--pose", "mcl", "--out", str(tmp_path)]
-    assert main([*words, "--chair", "twin", "--plant", str(plant)]) == 0
-    assert "straight" in capsys.readouterr().out
+    assert "straight" in output_of([*words, "--chair", "twin", "--plant", plant], capsys)
     assert "--plant needs --chair twin" in refusal([*words, "--plant", str(plant)], capsys)
     plant.write_text('{"sensors": {"laser": {"of": 0.05}}}')
     message = f"{plant}.sensors.laser.of is not a setting"

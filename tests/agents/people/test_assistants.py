@@ -1,7 +1,5 @@
 """Laws of assistants: how far they go, when they let go, what they do not know; manoeuvres."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import fields, replace
 
@@ -15,8 +13,9 @@ from agents.people import ASSISTANTS, is_shielded, make_assistant
 from agents.people.assistant import AssistInput, AssistMission, find_doors, find_front, find_targets
 from agents.people.goals import Manoeuvre
 from agents.policies import make_policy
+from tests.agents.fakes import reading
 from tests.laws.test_policies import plain
-from tests.people.test_compiled import reading, scan_of
+from tests.people.test_compiled import scan_of
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.geometry.planar import to_world
 from wheelchair_gym.sensors.settings import SensorSettings

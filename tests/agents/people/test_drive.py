@@ -1,7 +1,5 @@
 """Laws of a person's drive with an assistant: the hand goes first; every failure stops it."""
 
-from __future__ import annotations
-
 import dataclasses
 import threading
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Learned assistants: a network observes and adds as in training, for every driver."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -173,7 +171,7 @@ def test_people_that_are_held_out_never_drive_in_training():
         assert not HELD_OUT & set(learned.load_weights(path).card["env"]["driver"])
 
 
-def test_a_person_drives_with_a_file_of_weights(weights, tmp_path, capsys):
+def test_a_person_drives_with_a_file_of_weights(weights, tmp_path):
     common = ["--driver", "novice", "--assist", weights]
     for words in (common, common[:2]):  # and with the assistant that is used where none is named
         assert main(["simulate", "--scene", "clutter", *words]) == 0
@@ -181,4 +179,3 @@ def test_a_person_drives_with_a_file_of_weights(weights, tmp_path, capsys):
     assert main(["compare", *common, *where, "--out", str(tmp_path / "c")]) == 0
     rows = json.loads((tmp_path / "c" / "results.json").read_text())["summary"]
     assert {row["policy"] for row in rows} == {weights}
-    capsys.readouterr()

@@ -2,6 +2,7 @@
 
 from collections import defaultdict
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -10,11 +11,11 @@ from scipy import ndimage
 from agents.control import local_map
 from agents.evaluation.evaluate import make_env
 from agents.evaluation.map_evaluation import map_by_driving, map_quality
-from agents.policies import GymPolicy, make_policy
+from agents.policies import make_policy
 from agents.policies.scripted import Manual
 from agents.policies.search import Search
 from planners import make_planner
-from tests.agents.fakes import PaperWorld
+from tests.agents.fakes import PaperWorld, infos_of
 from tests.conftest import long_but, output_of
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv
@@ -32,14 +33,8 @@ def unknown(scene="floor_plan", config=ONE):
 def drive(env, policy, seed, episode=None, steps=10_000):
     """Poses (n, 3) that the chair believes, and the last info."""
     options = {} if episode is None else {"episode": episode}
-    observation, info = env.reset(seed=seed, options=options)
-    driver, poses, over = GymPolicy(make_policy(policy), env), [], False
-    driver.reset()
-    while not over and len(poses) < steps:
-        poses.append(info["pose_estimate"])
-        observation, _, ended, late, info = env.step(driver.act(observation))
-        over = ended or late
-    return np.array(poses), info
+    infos = [env.reset(seed=seed, options=options)[1], *islice(infos_of(env, policy), steps)]
+    return np.array([info["pose_estimate"] for info in infos]), infos[-1]
 
 
 @pytest.mark.parametrize("policy", long_but(["lattice+window", "explore"], ["lattice+window"]))
