@@ -30,7 +30,7 @@ from planners.collision.inflation import inflated_boundary
 from planners.collision.polygon_tests import SpaceArrays, clearance, edge_free, point_free
 from planners.collision.triangulation import Mesh, mesh
 from wheelchair_gym.base.arrays import Array
-from wheelchair_gym.geometry.planar import to_frame, to_world
+from wheelchair_gym.geometry.planar import polygon_edges, to_frame, to_world
 
 if TYPE_CHECKING:
     from wheelchair_gym.maps.grid import OccupancyGrid
@@ -188,13 +188,8 @@ class Space:
             lines = shapely.linestrings(self._edges.reshape(-1, 2, 2))
             faces = np.asarray(shapely.get_parts(shapely.polygonize(lines)))
             inside = shapely.get_coordinates(shapely.point_on_surface(faces))
-            return shapely.MultiPolygon(
-                [
-                    face
-                    for face, at in zip(faces, inside, strict=True)
-                    if point_free(self.arrays, *at)
-                ]
-            )
+            kept = [point_free(self.arrays, *at) for at in inside]
+            return shapely.MultiPolygon(faces[kept].tolist())
         xmin, ymin, xmax, ymax = self.bounds
         if xmin >= xmax or ymin >= ymax:
             return shapely.MultiPolygon()
@@ -206,12 +201,7 @@ class Space:
         if self._edges is not None:
             return boundary(self._edges)
         loops = solids.rings(self.free, solid_inside=False)
-        return boundary(
-            np.concatenate(
-                [np.hstack([loop, np.roll(loop, -1, axis=0)]) for loop in loops]
-                or [np.empty((0, 4))]
-            )
-        )
+        return boundary(np.concatenate([np.empty((0, 4)), *map(polygon_edges, loops)]))
 
     @cached_property
     def arrays(self) -> SpaceArrays:
