@@ -65,13 +65,9 @@ class Judge:
             return ["a point is not finite"]
         found = _end_faults(points, start, goal)
         points = points[:, :2]
-        edges = np.array(
-            [
-                shapely.LineString([a, b]) if np.any(a != b) else shapely.Point(a)
-                for a, b in itertools.pairwise(points)
-            ],
-            dtype=object,
-        )
+        edges = shapely.linestrings(np.stack([points[:-1], points[1:]], axis=1))
+        still = (points[:-1] == points[1:]).all(axis=1)
+        edges[still] = shapely.points(points[:-1][still])
         for k in np.flatnonzero(~shapely.covers(self._map, edges)):
             found.append(f"edge {k} leaves the map")
         # A prepared geometry finds quickly which edges meet it at all.
