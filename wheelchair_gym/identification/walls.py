@@ -46,10 +46,7 @@ class Hits(NamedTuple):
 def place_points(poses: Array, scan: NDArray[np.int64], angle: Array, ranges: Array) -> Array:
     """Points (n, 2) [m] that beams of scans at poses (m, 3) of the scanner hit."""
     x, y, yaw = poses[scan].T
-    points: Array = np.stack(
-        [x + ranges * np.cos(yaw + angle), y + ranges * np.sin(yaw + angle)], axis=1
-    )
-    return points
+    return np.stack([x + ranges * np.cos(yaw + angle), y + ranges * np.sin(yaw + angle)], axis=1)
 
 
 def split_scan(laser: LaserSettings, ranges: Floats) -> list[Array]:

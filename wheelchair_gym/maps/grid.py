@@ -153,8 +153,7 @@ class OccupancyGrid:
 
     def to_lattice(self, points: ArrayLike) -> Array:
         """Points (..., 2) [m] as (x, y) in cells from the lower-left corner of cell (0, 0)."""
-        lattice: Array = to_frame(points, self.origin) / self.resolution
-        return lattice
+        return to_frame(points, self.origin) / self.resolution
 
     def from_lattice(self, points: ArrayLike) -> Array:
         """The inverse of `to_lattice`: points (..., 2) [m]."""

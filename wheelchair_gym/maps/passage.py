@@ -57,8 +57,7 @@ def open_floor(grid: OccupancyGrid, side: float) -> Mask:
     square, free = np.ones((n, n), np.uint8), (grid.cells == FREE).view(np.uint8)
     # Anchors at opposite corners: about the middle, squares of an even side come out a cell off.
     corners = cv2.erode(free, square, anchor=(0, 0), borderValue=0)
-    opened: Mask = cv2.dilate(corners, square, anchor=(n - 1, n - 1), borderValue=0) > 0
-    return opened
+    return cv2.dilate(corners, square, anchor=(n - 1, n - 1), borderValue=0) > 0
 
 
 def footprint_margin(

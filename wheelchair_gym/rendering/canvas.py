@@ -33,8 +33,7 @@ class Frame:
     def pixels(self, points: ArrayLike) -> Array:
         """Columns and rows (..., 2) [pixels] of points (..., 2) [m]."""
         p = np.asarray(points, dtype=np.float64)[..., :2]
-        placed: Array = p * (self.scale, -self.scale) + (self.left, self.bottom)
-        return placed
+        return p * (self.scale, -self.scale) + (self.left, self.bottom)
 
 
 @dataclass(frozen=True)

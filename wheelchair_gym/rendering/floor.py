@@ -62,8 +62,7 @@ def known_area(grid: OccupancyGrid) -> Array:
     if len(known):
         low, high = known.min(axis=0), known.max(axis=0) + 1
     corners = np.array([(low[1], low[0]), (high[1], low[0]), (high[1], high[0]), (low[1], high[0])])
-    placed: Array = grid.from_lattice(corners)
-    return placed
+    return grid.from_lattice(corners)
 
 
 def bounding_box(points: ArrayLike, margin: float) -> Array:

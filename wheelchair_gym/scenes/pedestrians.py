@@ -247,8 +247,7 @@ def free_area(grid: OccupancyGrid) -> float:
 def draw_place(rng: np.random.Generator, grid: OccupancyGrid, cells: NDArray[np.intp]) -> Array:
     """A place (2,) [m] in one of the cells (n, 2)."""
     cell = cells[rng.integers(len(cells))]
-    drawn: Array = grid.to_world(cell) + rng.uniform(-0.4, 0.4, 2) * grid.resolution
-    return drawn
+    return grid.to_world(cell) + rng.uniform(-0.4, 0.4, 2) * grid.resolution
 
 
 def cells_along(grid: OccupancyGrid, a: Array, b: Array, steps: float) -> NDArray[np.int64]:
