@@ -45,7 +45,8 @@ DRAWS = 4096  # poses tried
 _BUCKETS = 1024  # of the queue; twice as many until a move takes fewer ticks
 _NEW, _SETTLED = -1, -2  # of states that wait in no bucket
 _STEP = 0.2  # m: length of a move, a fifth of the chair
-HEADINGS = 32  # of the lattice: 11 deg, the smallest turn of a move
+HEADINGS = 32  # of the lattice
+_TURN = 2.0 * math.pi / HEADINGS  # rad: the smallest turn of a move, 11 deg
 # Without a path the outline shrinks by so much on each side [m], and so often that it is tried.
 _SHRINK, _TRIES = 0.02, 5
 
@@ -230,20 +231,19 @@ def _search(
 
 
 def _moves(config: CostToGoSettings, motion: MotionCost) -> LatticeMoves:
-    step = 2.0 * math.pi / HEADINGS
     ahead: list[tuple[float, int]] = [(_STEP, turn) for turn in (0, 1, -1, 2, -2)]
     back = [(-_STEP, turn) for turn in (0, 1, -1)] if motion.backward > 0.0 else []
     every = [*ahead, (0.0, 1), (0.0, -1), *back]
     steps = np.zeros((len(every), HEADINGS, 3), np.int32)
-    yaw = step * np.arange(HEADINGS)
+    yaw = _TURN * np.arange(HEADINGS)
     for m, (way, turn) in enumerate(every):
-        half = 0.5 * turn * step
+        half = 0.5 * turn * _TURN
         chord = way * (math.sin(half) / half if half else 1.0) * UNITS / config.cell
         steps[m, :, 0] = np.rint(chord * np.cos(yaw + half))
         steps[m, :, 1] = np.rint(chord * np.sin(yaw + half))
         steps[m, :, 2] = turn
-    time = np.array([duration(motion, way, turn * step) for way, turn in every])
-    kind = np.array([kind_of(way, turn * step) for way, turn in every], np.int32)
+    time = np.array([duration(motion, way, turn * _TURN) for way, turn in every])
+    kind = np.array([kind_of(way, turn * _TURN) for way, turn in every], np.int32)
     return LatticeMoves(steps, time, kind)
 
 
@@ -299,12 +299,10 @@ def cost_to_go(
     if slack is not None:
         ease = cell * TICKS / max(limits.forward, limits.backward)
         x, y, yaw = to_local(grid.origin, *np.asarray(starts[0], np.float64).tolist())
-        turn = 2.0 * math.pi / HEADINGS
-        begin[:] = y // cell, x // cell, round(yaw / turn) % HEADINGS
+        begin[:] = y // cell, x // cell, round(yaw / _TURN) % HEADINGS
     ends = np.arange(HEADINGS, dtype=np.int32)
     if heading is not None:
-        turn = 2.0 * math.pi / HEADINGS
-        off = np.abs(wrap_angle(ends * turn + grid.origin[2] - np.asarray(goal, np.float64)[2]))
+        off = np.abs(wrap_angle(ends * _TURN + grid.origin[2] - np.asarray(goal, np.float64)[2]))
         ends = ends[off <= max(0.5 * heading, float(off.min()) + 1e-9)]
     aim = Aim(seeds, ends, begin, ease, round((slack or 0.0) * TICKS))
     for k in range(_TRIES):
