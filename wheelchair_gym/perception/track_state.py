@@ -29,16 +29,10 @@ UNKNOWN, PERSON, DOOR, FURNITURE = range(4)
 ACCELERATION_DENSITY = 1.0
 PERSON_WIDTH = 0.9  # m: widest track that can be a person, with shoulders and swinging arms
 
-_F8 = "f8"
 CONSTANTS, _LASER = read_record("CONSTANTS", globals())
 STATIC_MAP, _FIELD = read_record("STATIC_MAP", globals())
 
-# A scan where it was taken: the laser's place, cosine and sine of its yaw, and the nearest range of
-# each sector [m].
-FRAME = np.dtype(
-    [*((name, _F8) for name in ("stamp", "x", "y", "c", "s")), ("range", "f4", (SECTORS,))]
-)
-
+FRAME = read_record("FRAME", globals())[0]
 TRACK = read_record("TRACK", globals())[0]
 TRACKER = read_record("TRACKER", globals())[0]
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.base.arrays import Array, Floats
-from wheelchair_gym.compiled.address import Pointers, Target, rows_of
+from wheelchair_gym.compiled.address import Pointers, read_record, rows_of
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.safety.decision import decide, limit_for_unseen_space
 from wheelchair_gym.safety.memory import reset, update
@@ -30,9 +30,7 @@ from wheelchair_gym.sim.settings import ChairSettings
 from wheelchair_gym.types import Reading, check_reading
 
 _constants_at, _shields_at = rows_of(CONSTANTS), rows_of(SHIELD)
-# Rows of shields by address: a call takes a microsecond for each array.
-SHIELDS = np.dtype([("n", "i8"), ("constants", "u8"), ("shields", "u8")])
-SHIELDS_TARGETS = {"constants": Target(CONSTANTS, 1), "shields": Target(SHIELD, None)}
+SHIELDS, SHIELDS_TARGETS = read_record("SHIELDS", globals())
 
 
 @inlined
@@ -94,10 +92,7 @@ def copy_decision(i: int, shields: Any, target: Any) -> None:
 def point_to_shields(constants: ShieldConstants, shields: NDArray[np.void]) -> Pointers:
     """Return pointers to shields (n,) of SHIELD and what they share, a record (1,) of SHIELDS."""
     rows = Pointers(np.zeros(1, SHIELDS), SHIELDS_TARGETS)
-    rows.record["n"] = len(shields)
-    rows.point("constants", constants)
-    rows.point("shields", shields)
-    return rows
+    return rows.fill(n=len(shields), constants=constants, shields=shields)
 
 
 class Decision(NamedTuple):

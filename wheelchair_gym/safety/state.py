@@ -95,12 +95,7 @@ OTHER_POINTS = np.dtype([*_columns(POINT, OTHERS), *_MORE], align=True)
 SETTINGS = numbers_of(ShieldSettings)
 CONSTANTS = read_record("CONSTANTS", globals())[0]
 KEY = read_record("KEY", globals())[0]
-
-# An echo that no laser point explains, since when it has had one range, and the ranger's pose then.
-STEADY = np.dtype(
-    [*((name, _F8) for name in ("range", "x", "y", "yaw")), ("stuck", "b1")], align=True
-)
-
+STEADY = read_record("STEADY", globals())[0]
 DECISION = read_record("DECISION", globals())[0]
 SHIELD = read_record("SHIELD", globals())[0]
 NEARBY = read_record("NEARBY", globals())[0]
