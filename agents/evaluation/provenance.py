@@ -51,10 +51,8 @@ def machine() -> dict[str, Any]:
     """Processor, cores that may be used, and operating system."""
     cpu = platform.processor() or platform.machine()
     with suppress(OSError):  # where it is not Linux
-        for line in Path("/proc/cpuinfo").read_text().splitlines():
-            if line.startswith("model name"):
-                cpu = line.partition(":")[2].strip()
-                break
+        if found := re.search(r"^model name\s*:(.*)$", Path("/proc/cpuinfo").read_text(), re.M):
+            cpu = found[1].strip()
     return {"cpu": cpu, "cores": cores(), "system": f"{platform.system()} {platform.release()}"}
 
 
