@@ -38,6 +38,27 @@ def high(x):
 def laid(rows, row):
     rows[0, :2] = row
 """
+# A kernel that calls an intrinsic of another file, as it is and under a digest of its own.
+INTRINSIC = """
+from numba import types
+from numba.extending import intrinsic
+
+def number():
+    return intrinsic(lambda typingctx: (
+        types.float64(), lambda context, builder, *_: context.get_constant(types.float64, {})
+    ))
+
+plain, record = number(), number()
+record.source_digest = "of a record"
+"""
+CALLER = """
+from intrinsics import {0}
+from wheelchair_gym.compiled.kernel import kernel
+
+@kernel
+def value():
+    return {0}()
+"""
 # A kernel that calls one below it, which calls one of another file.
 EARLY = """
 from wheelchair_gym.compiled.kernel import kernel
@@ -279,6 +300,15 @@ def test_a_kernel_that_calls_one_below_it_follows_an_edit_of_what_that_imports(t
         (tmp_path / "early.py").write_text(EARLY.format(scale, body))
         ran = run(tmp_path, "from late import first\nprint(first(3.0))")
         assert ran.stdout.split() == [str(result)], ran.stderr
+
+
+@pytest.mark.parametrize("name", ["plain", "record"])
+def test_a_kernel_follows_an_edit_of_an_intrinsic_that_it_calls(tmp_path, name):
+    (tmp_path / "caller.py").write_text(CALLER.format(name))
+    for value in (2.0, 15.0):
+        (tmp_path / "intrinsics.py").write_text(INTRINSIC.format(value))
+        ran = run(tmp_path, "from caller import value\nprint(value())")
+        assert ran.stdout.split() == [str(value)], ran.stderr
 
 
 def test_what_was_compiled_for_a_class_that_is_gone_is_compiled_anew(tmp_path):

@@ -7,7 +7,7 @@ import pytest
 
 from tests.conftest import ROOT
 from tests.copies import differences
-from wheelchair_gym.actors.records import ACTOR, Actors, combine, person
+from wheelchair_gym.actors.records import ACTOR, Actors, combine, door, person, with_trolley
 from wheelchair_gym.base.settings import FARTHEST, InputError
 from wheelchair_gym.compiled.address import Pointers, as_array
 from wheelchair_gym.engine import ENGINE
@@ -229,6 +229,14 @@ def test_an_episode_takes_no_wrong_movers():
             wrong = rows.copy()
             wrong[name] = value
             refused(lambda wrong=wrong: Episode(GRID, **RIGHT, actors=Actors(wrong, routes)))
+    # A leaf without a width would be written where discs are; a force on an infinite mass is NaN.
+    pushed, leaf = with_trolley(person([(2.0, 8.0)])), door((2.0, 8.0), 0.0, 1.0, 1.0)
+    for name, value, k, things in (
+        ("size", (1.0, 0.0), 0, [leaf]), ("mass", np.inf, 0, pushed), ("mass", np.inf, 1, pushed),
+    ):  # fmt: skip
+        actors = combine(things)
+        actors.rows[name][k] = value
+        refused(lambda actors=actors: Episode(GRID, **RIGHT, actors=actors))
 
 
 def test_a_grid_takes_no_wrong_numbers():
@@ -279,3 +287,4 @@ def test_nobody_takes_a_reading_of_another_chair():
 def test_as_array_keeps_a_right_array():
     array = np.zeros((3, 4))
     assert as_array(array, np.float64, (None, 4), "it") is array
+    refused(lambda: as_array([-(2**63)], np.float64, (1,), "it", FARTHEST))

@@ -19,7 +19,7 @@ from agents.policies import GymPolicy, make_policy
 from tests.conftest import ROOT
 from tests.copies import COPIERS, by_pickle, differences, drive_copies
 from tests.laws.test_policies import SCRIPTED
-from tests.sim.worlds import cluttered, placed
+from tests.sim.worlds import busy, cluttered, placed
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
 from wheelchair_gym.hardware.chair import HardwareChair
 from wheelchair_gym.hardware.ros.chair import RosChair
@@ -201,6 +201,20 @@ def test_what_is_outside_refuses_in_one_line(copied):
     with pytest.raises(TypeError, match="neither copied nor pickled") as told:
         copied(env)
     assert "\n" not in str(told.value)
+
+
+@pytest.mark.parametrize("copied", COPIERS)
+def test_a_copied_chair_has_the_latest_reading_and_truth(copied):
+    chair = SimulatedChair()
+    for one in (chair, copied(chair)):
+        with pytest.raises(ValueError, match="never reset"):
+            one.reading()
+    placed(chair, busy(1)).drive(np.array([0.5, 0.0]))
+    known, other = (chair.reading(), chair.truth), copied(chair)
+    assert not list(differences(known, (other.reading(), other.truth)))
+    other.close()
+    with pytest.raises(ValueError, match="or it was closed"):
+        other.reading()
 
 
 @pytest.mark.parametrize("copied", COPIERS)

@@ -64,6 +64,8 @@ def test_a_start_in_a_wall_and_a_way_through_one_are_refused():
         InputError, match=r"thesis_3: .* does not pass from start to goal; .* 1\.\d"
     ):
         worlds("thesis_3", Footprint(0.9, 0.6, 0.8)).episode(0, 0)
+    with pytest.raises(InputError, match="none of 200 worlds"):
+        worlds("barn", Footprint(half_width=2.6)).episode(0, 0)
     with pytest.raises(InputError, match="does not fit at the start"):
         worlds("chaotic_pso", Footprint(1.4, 1.1, 0.4)).episode(0, 0)
 

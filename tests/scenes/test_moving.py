@@ -213,6 +213,18 @@ def test_the_scene_of_all_people_has_every_kind_in_each_episode():
             assert min(point_segment_distance(x, y, *w) for w in episode.walls) > 0.2
 
 
+def test_who_walks_without_a_trolley_weighs_what_a_person_does():
+    pushing = {"density": (0.6, 0.6), "behaviours": {"trolleys": 1.0}}
+    alone = 0
+    for episode in drawn(10, name="crowd", place="lift", people=pushing):
+        rows = episode.actors.rows
+        pushes = np.append(rows["leader"][1:] == 1, False)
+        people = rows["kind"] == records.PERSON
+        assert (rows["mass"][people] == np.where(pushes[people], 95.0, 75.0)).all()
+        alone += (people & ~pushes).sum()
+    assert alone
+
+
 def test_shares_are_spread_evenly():
     shares = {"pauses": 0.25, "children": 0.25}
     for episode in drawn(6, name="crowd", place="hall", people={"behaviours": shares}):
@@ -303,6 +315,9 @@ def test_distributions_tell_how_wide_the_ways_are_and_what_moves():
     found = scene_statistics(make_scene("doorway"), range(2))["margin round the corner [m]"]
     assert found == pytest.approx([Doorway().margin()] * 2)
     assert "people" not in scene_statistics(make_scene("clutter"), range(1))
+    assert scene_statistics(make_scene({"name": "skill", "course": "people"}), [0])["people"] == [3]
+    mixed = {"name": "mixture", "scenes": ["mixture", "floor_plan"], "weights": [0.0, 1.0]}
+    assert scene_statistics(make_scene(mixed), range(2))["door width [m]"]
     figures = scene_statistics(make_scene("people"), range(4))
     for name in ("people in groups", "trolleys", "people: reads phone", "people: wary"):
         assert min(figures[name]) >= 1

@@ -15,6 +15,7 @@ from wheelchair_gym.geometry.outline import footprint_clearance
 from wheelchair_gym.maps import FREE, OCCUPIED, bottleneck, geodesic
 from wheelchair_gym.scenes import SCENES, make_scene
 from wheelchair_gym.scenes.arena import FOOTPRINT, passing_radius
+from wheelchair_gym.scenes.layout import JAMB, generate_layout
 from wheelchair_gym.scenes.published import GREY_WOLF_GOALS
 
 RADIUS = passing_radius(FOOTPRINT)
@@ -104,6 +105,35 @@ def test_floor_plans_are_as_wide_as_they_say(kind):
             assert np.isfinite(part).any()
         walls.append(len(episode.walls))
     assert 60 < np.mean(walls) < 180
+
+
+@pytest.mark.parametrize("home", [True, False])
+@pytest.mark.parametrize(
+    ("size", "corridor", "door"),
+    [
+        ((10.0, 18.0), (1.2, 1.8), (1.0, 1.2)),
+        ((9.2, 9.2), (4.0, 4.0), (2.0, 2.0)),
+        ((9.0, 12.0), (0.8, 1.2), (2.0, 2.0)),
+        ((13.5, 15.0), (4.0, 4.0), (1.5, 2.0)),
+    ],
+)
+def test_every_door_lies_in_the_side_of_a_room_also_of_wide_corridors(home, size, corridor, door):
+    for seed in range(150):
+        rng = np.random.default_rng(seed)
+        layout = generate_layout(numpy_stream(rng), home, *rng.uniform(*size, 2), door, corridor)
+        rooms, corridors, doors = (
+            np.array(rects.tolist()).reshape(-1, 4)
+            for rects in (layout.rooms, layout.corridors, layout.openings[layout.is_door])
+        )
+        for rects in (rooms, corridors, doors):
+            assert (rects[:, :2] < rects[:, 2:]).all()
+            assert (rects[:, :2] >= 4).all()  # inside the outer walls
+            assert (rects[:, 2:] <= np.array([layout.width, layout.height]) - 4).all()
+        for along_x, opening in zip(layout.along_x[layout.is_door], doors, strict=True):
+            a, b = (0, 1) if along_x else (1, 0)  # along the wall, and across
+            inside = (rooms[:, a] + JAMB <= opening[a]) & (opening[a + 2] <= rooms[:, a + 2] - JAMB)
+            beside = (rooms[:, b + 2] == opening[b]) | (rooms[:, b] == opening[b + 2])
+            assert (inside & beside).any()
 
 
 def test_furniture_leaves_a_passage_between_door_and_room():

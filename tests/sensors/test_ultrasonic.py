@@ -101,6 +101,15 @@ def test_noise_ghosts_blind_zone_and_reach():
     assert touching >= 0.02
 
 
+@pytest.mark.parametrize("round_", [False, True])
+def test_a_ranger_does_not_see_through_what_it_presses_on(round_):
+    """Contact leaves it a millimetre behind a thin wall, or in something round."""
+    walls = np.vstack([wall(0.699), wall(0.799), wall(3.0)])[2 if round_ else 0 :]
+    discs = np.array([(0.699 + 0.3, 0.12, 0.3)])[: int(round_)]
+    one, noise = ranger_rows(UltrasonicSettings(), False)[0], (np.uint64(5), 3)
+    assert sense_ultrasonic(one, 0.0, np.zeros(3), walls, discs, *noise, ROOM) == 0.02
+
+
 def test_ages_run_through_one_cycle_and_never_beyond():
     """Eight rangers, one every 60 ms: each reading is 0 to 0.48 s old, each in its turn."""
     chair = SimulatedChair(sensors=SensorSettings(noise=False))

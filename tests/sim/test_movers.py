@@ -366,6 +366,13 @@ def test_obstacles_appear_at_their_distance_and_go_again():
     assert not there[:, 1].any()  # the chair is too near all along
 
 
+def test_what_is_absent_is_sensed_nowhere():
+    waits = records.obstacle((0.0, 0.0), since=1e6)
+    for x, y in ((-1e4, 1e4), (1e4, 1e4), (-9e6, 9e6)):
+        reading = exact_chair().reset(among(waits, start=(x - 2.0, y, 0.0)), 0)
+        assert np.isposinf(reading.laser).all()
+
+
 # --- velocities
 
 

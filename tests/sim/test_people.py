@@ -244,8 +244,9 @@ def test_a_group_walks_in_single_file_where_walls_leave_no_more_room():
 @BOTH
 @pytest.mark.parametrize("ahead", [True, False])
 def test_a_trolley_goes_with_its_person(model, ahead):
-    route = [(-6.0, 5.0), (6.0, 5.0), (6.0, -5.0), (-6.0, -5.0)]
-    poses, _, _ = watch(with_trolley(person(route, 1.0, model=model), ahead), 45.0, half=8.0)
+    alone = person([(-6.0, 5.0), (6.0, 5.0), (6.0, -5.0), (-6.0, -5.0)], 1.0, model=model)
+    poses, _, _ = watch(with_trolley(alone, ahead), 45.0, half=8.0)
+    assert alone.row["mass"] == 75.0  # as it was
     walker, cart = poses[:, 0], poses[:, 1]
     away = distances(walker, cart)
     assert np.abs(away - 0.65).max() < 0.12

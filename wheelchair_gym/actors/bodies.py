@@ -49,7 +49,7 @@ from wheelchair_gym.geometry.planar import point_to_world, world_to_body, wrap
 ACTOR_STATE = read_record("ACTOR_STATE", globals())[0]
 
 NEVER = -(1 << 40)  # a tick long before any
-PARKING = 1e4  # m: where no wall is
+PARKING = 1e8  # m: beyond all coordinates of an episode (`FARTHEST`)
 LEG_FORCE = 200.0  # N at most: 75 kg at 2.7 m/s2, 1.34 m/s in 0.5 s (Helbing and Molnar 1995)
 _RELAXATION_TIME = 0.3  # s in which people take up a velocity: below the time of a step
 _PARKING_SPACING = 20.0  # m between things that are far away

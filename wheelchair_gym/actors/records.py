@@ -119,17 +119,17 @@ def check_actors(actors: Actors) -> Actors:
     routes = as_array(actors.routes, np.float64, (None, 2), "Actors.routes", FARTHEST)
     for key in ("pose", "size", "friction", "speed", "travel", "minimum", "offset"):
         as_array(rows[key], np.float64, (None, *ACTOR[key].shape), f"Actors.rows.{key}", FARTHEST)
-    walks = rows["kind"] == PERSON
+    walks, is_door, size = rows["kind"] == PERSON, rows["kind"] == DOOR, rows["size"]
     first, points = rows["first"], rows["points"]
     leader, numbers = rows["leader"], np.arange(len(rows))
     led = (leader >= 0) & (leader <= numbers)
-    moved = walks | ((rows["kind"] == FURNITURE) & (rows["size"][:, 1] > 0.0))
+    moved = walks | ((rows["kind"] == FURNITURE) & (size[:, 1] > 0.0))
     moved &= walks[numbers - np.where(led, leader, 0)]
     led &= (leader == 0) | moved
     right = {
         "kind": (rows["kind"] >= 0) & (rows["kind"] < len(ACTOR_KINDS)),
-        "size": (rows["size"][:, 0] > 0.0) & (rows["size"][:, 1] >= 0.0),
-        "mass": rows["mass"] > 0.0,
+        "size": (size[:, 0] > 0.0) & ((size[:, 1] > 0.0) | (size[:, 1] == 0.0) & ~is_door),
+        "mass": (rows["mass"] > 0.0) & (np.isfinite(rows["mass"]) | ~walks & (leader == 0)),
         "friction": rows["friction"] >= 0.0,
         "speed": rows["speed"] >= 0.0,
         "avoids": (rows["avoids"] >= NOBODY) & (rows["avoids"] <= EVERYBODY),
@@ -168,9 +168,10 @@ def _actor(kind: int, route: ArrayLike = (), **fields: Any) -> Actor:
     for name in ("near", "stay", "every"):
         row[name] = math.inf
     for name, value in fields.items():
-        row[name] = value
-        if not (np.asarray(value, np.float64) == np.asarray(value, np.float64)).all():
-            raise InputError(f"{ACTOR_KINDS[kind]}: {name} is NaN; expected a number")
+        field, where = ACTOR[name], f"{ACTOR_KINDS[kind]}: {name}"
+        row[name] = as_array(value, field.base, field.shape, where)
+        if np.isnan(row[name]).any():
+            raise InputError(f"{where} is NaN; expected a number")
     size = row["size"][0]
     if not (size[0] > 0.0 and size[1] >= 0.0 and row["mass"][0] > 0.0 and row["speed"][0] >= 0.0):
         raise InputError(
@@ -178,6 +179,11 @@ def _actor(kind: int, route: ArrayLike = (), **fields: Any) -> Actor:
             f"speed {row['speed'][0]:g}; expected positive numbers"
         )
     return Actor(row, np.asarray(route, np.float64).reshape(-1, 2))
+
+
+def _place(value: ArrayLike, where: str) -> Array:
+    """Check a place (2,) [m]."""
+    return as_array(value, np.float64, (2,), where, FARTHEST)
 
 
 def person(
@@ -212,10 +218,10 @@ def person(
         at: where they stand first (2,) [m]; the first way point if left out.
         model: how they get where they want: ORCA or SOCIAL_FORCE.
         behaviour: WALKS; PAUSES (stands from `since` on for `stay`, and again after `every`);
-            CUTS_IN (goes to stand before a chair that is `near`, for `stay`, and not again for
-            `every`); READS_PHONE (notices chair and people when they are a step away);
-            WALKS_BESIDE (keeps an `offset` from the chair) or RUNS (turns aside or stands, anew
-            after `every`).
+            CUTS_IN (goes to stand before a chair that is `near`, for `stay`, 10 s at most with the
+            way there, and not again for `every`); READS_PHONE (notices chair and people when they
+            are a step away); WALKS_BESIDE (keeps an `offset` from the chair) or RUNS (turns aside
+            or stands, anew after `every`).
         reaction: to a chair that they see: REGULAR, CURIOUS, WARY, SURPRISED or INDIFFERENT.
         near: of what starts a behaviour [m].
         since: of a behaviour [s].
@@ -240,10 +246,10 @@ def person(
         avoids = min(avoids, PEOPLE)
     if behaviour != WALKS and not every > 0.0:
         raise InputError(f"person: every is {every:g} s; expected a positive number")
-    points = np.asarray(route, np.float64).reshape(-1, 2)
+    points = as_array(route, np.float64, (None, 2), "person: route", FARTHEST)
     if not len(points):
         raise InputError("person: the route has no way points; expected one at least")
-    x, y = points[0] if at is None else np.asarray(at, np.float64)
+    x, y = _place(points[0] if at is None else at, "person: at")
     return _actor(
         PERSON, points, pose=(x, y, 0.0), size=(radius, 0.0), mass=mass, speed=speed, avoids=avoids,
         patience=patience, model=model, behaviour=behaviour, reaction=reaction, near=near,
@@ -291,18 +297,17 @@ def with_trolley(walker: Actor, ahead: bool = True) -> list[Actor]:
         walker: who walks with it.
         ahead: before the person; else behind.
     """
-    walker.row["mass"] += TROLLEY_MASS  # legs move both
+    row = walker.row.copy()
+    row["mass"] += TROLLEY_MASS  # legs move both
     far = float(walker.row["size"][0, 0]) + _HANDLE + 0.5 * TROLLEY[0]
     offset = (far if ahead else -far, 0.0)
     x, y, _ = walker.row["pose"][0]
     yaw = first_heading(walker.route, x, y)
     x, y = to_world(np.array(offset), (x, y, yaw))
-    return [
-        walker,
-        _actor(
-            FURNITURE, pose=(x, y, yaw), size=TROLLEY, mass=TROLLEY_MASS, leader=1, offset=offset
-        ),
-    ]
+    trolley = _actor(
+        FURNITURE, pose=(x, y, yaw), size=TROLLEY, mass=TROLLEY_MASS, leader=1, offset=offset
+    )
+    return [Actor(row, walker.route), trolley]
 
 
 def door(
@@ -336,9 +341,10 @@ def door(
         minimum: kept from everything while it moves [m].
     """
     speed = LEAF_TURN if swings else LEAF_SPEED
+    pose = (*_place(hinge, "door: hinge"), heading)
     return _actor(
-        DOOR, pose=(*hinge, heading), size=(length, LEAF_WIDTH), speed=speed, travel=travel,
-        swings=swings, near=near, since=since, stay=stay, every=every, minimum=minimum,
+        DOOR, pose=pose, size=(length, LEAF_WIDTH), speed=speed, travel=travel,
+        swings=int(bool(swings)), near=near, since=since, stay=stay, every=every, minimum=minimum,
     )  # fmt: skip
 
 
@@ -361,10 +367,10 @@ def obstacle(
         near: appears once the chair's outline is so near [m].
         minimum: never nearer to the chair's outline than this [m]; more than its stopping distance.
     """
+    pose = (*_place(place, "obstacle: place"), 0.0)
     return _actor(
-        OBSTACLE, pose=(*place, 0.0), size=(radius, 0.0), since=since, stay=stay, near=near,
-        minimum=minimum,
-    )  # fmt: skip
+        OBSTACLE, pose=pose, size=(radius, 0.0), since=since, stay=stay, near=near, minimum=minimum
+    )
 
 
 def furniture(

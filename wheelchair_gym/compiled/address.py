@@ -58,7 +58,7 @@ def as_array(
         comma = "," if len(shape) == 1 else ""
         raise InputError(f"{where} has shape {array.shape}; expected ({expected}{comma})")
     if maximum is not None:
-        wrong = ~(np.abs(array) <= maximum)
+        wrong = ~((array <= maximum) & (array >= -maximum))
         if wrong.any():
             place = tuple(int(k) for k in np.argwhere(wrong)[0])
             raise InputError(

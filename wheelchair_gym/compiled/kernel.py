@@ -16,6 +16,7 @@ from typing import Any, TypeVar, cast
 
 import numba
 import numpy as np
+from numba.core.extending import _Intrinsic
 
 from wheelchair_gym.compiled import linking
 
@@ -57,6 +58,8 @@ def _digest(function: Callable[..., Any]) -> str:
     for name, value in names.items():
         if name.startswith("__"):
             continue
+        if isinstance(value, _Intrinsic):
+            parts.append(f"{name}={_file_digest(value._defn.__code__.co_filename)}")
         if hasattr(value, "source_digest"):
             parts.append(f"{name}={vars(value)['source_digest']}")
         elif isinstance(value, np.ndarray):

@@ -49,12 +49,14 @@ def numbers_of(action: Any) -> tuple[float, float]:
         InputError: it is not two finite numbers.
     """
     try:
-        a_v, a_w = map(float, np.asarray(action).tolist())
-    except (TypeError, ValueError, OverflowError):
-        a_v = a_w = math.nan
-    if not math.isfinite(a_v + a_w):
+        array = np.asarray(action)
+        a_v, a_w = array.tolist() if array.dtype.kind in "biuf" else (math.nan, math.nan)
+        finite = math.isfinite(a_v) and math.isfinite(a_w)
+    except (TypeError, ValueError):
+        finite = False
+    if not finite:
         raise InputError(f"action is {action!r}; expected two finite numbers in [-1, 1]")
-    return a_v, a_w
+    return float(a_v), float(a_w)
 
 
 _kernels: Any = twist_of_action, action_of_twist

@@ -17,7 +17,9 @@ from wheelchair_gym.compiled.kernel import inlined, kernel
 
 def wrap_angle(angle: ArrayLike) -> Array:
     """Angles [rad] brought into [-pi, pi)."""
-    return (np.asarray(angle, dtype=np.float64) + math.pi) % (2 * math.pi) - math.pi
+    turned = (np.asarray(angle, dtype=np.float64) + math.pi) % (2 * math.pi) - math.pi
+    wrapped: Array = turned - 2 * math.pi * (turned >= math.pi)  # just below -pi, it is rounded up
+    return wrapped
 
 
 @kernel
@@ -25,7 +27,8 @@ def wrap(angle: float) -> float:
     """One angle [rad] brought into [-pi, pi)."""
     if -math.pi <= angle < math.pi:  # most are; the remainder is a slow call
         return angle
-    return (angle + math.pi) % (2 * math.pi) - math.pi
+    turned = (angle + math.pi) % (2 * math.pi) - math.pi
+    return turned if turned < math.pi else turned - 2 * math.pi
 
 
 @inlined

@@ -64,9 +64,12 @@ class Mixture:
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """Draw a scene, and a world of it for a chair of this footprint."""
-        made: Any = vars(self)["_made"]
-        episode: Episode = made[self.which(rng)].sample(rng, footprint)
-        return episode
+        return self.draw_scene(rng).sample(rng, footprint)
+
+    def draw_scene(self, rng: np.random.Generator) -> Scene:
+        """Draw a scene, as `sample` does first."""
+        scene: Scene = vars(self)["_made"][self.which(rng)]
+        return scene
 
     def which(self, rng: np.random.Generator) -> int:
         """Draw the number of a scene, as `sample` does first."""

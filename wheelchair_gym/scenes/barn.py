@@ -133,8 +133,9 @@ class Barn:
             raise InputError("Barn.world is a world of a file; Barn.path is not given")
         goal = np.array([*_GOAL, _START[2]])
         radius = footprint.half_width + _PASSAGE_MARGIN
-        for _ in range(_TRIES):
-            discs = _draw_discs(rng, math.ceil(radius / _CYLINDER))
+        width = math.ceil(radius / _CYLINDER)
+        for _ in range(_TRIES if width <= _SIDE else 0):
+            discs = _draw_discs(rng, width)
             episode = self._episode(np.array(_START), goal, discs, "barn")
             if np.isfinite(geodesic(episode.map, goal, radius).at(episode.start[:2])):
                 return episode

@@ -16,7 +16,7 @@ from wheelchair_gym.geometry.outline import Footprint, footprint_clearance
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, geodesic, interpolate
 from wheelchair_gym.maps.grid import boundary
 from wheelchair_gym.scenes.arena import CLEARANCE, FOOTPRINT, passing_radius
-from wheelchair_gym.scenes.layout import FloorLayout, furnish, generate_layout
+from wheelchair_gym.scenes.layout import FloorLayout, furnish, generate_layout, min_side
 from wheelchair_gym.scenes.raster import CELL, paint_discs, paint_polygon, paint_rects
 from wheelchair_gym.types import Episode
 
@@ -74,6 +74,14 @@ class FloorPlan(Building):
     """Pieces of furniture that are tried per area of a room."""
     path_length: Range[float] = setting(default=(5.0, 30.0), unit="m", low=0.0)
     """Minimum and maximum length of the shortest path from start to goal."""
+
+    def __post_init__(self) -> None:
+        least = CELL * min_side(self.door_width, self.corridor_width)
+        if self.building_size[0] < least - 1e-9:
+            raise InputError(
+                f"FloorPlan.building_size is from {self.building_size[0]:g} m; expected at least "
+                f"{least:.2f} m for doors and corridors of these widths"
+            )
 
     def sample_building(
         self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT

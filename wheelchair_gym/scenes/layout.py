@@ -38,6 +38,12 @@ def sides(rects: Rects) -> tuple[Array, Array]:
     return (rects["x1"] - rects["x0"]) * CELL, (rects["y1"] - rects["y0"]) * CELL
 
 
+def min_side(door_width: tuple[float, float], corridor_width: tuple[float, float]) -> int:
+    """Return the side [cells] of a building for two rows of rooms with doors and a corridor."""
+    row = to_cells(door_width[1]) + 2 * JAMB
+    return 2 * (OUTER + row + INNER) + to_cells(corridor_width[1])
+
+
 class FloorLayout(NamedTuple):
     """One storey before it is furnished: rectangles of cells, see `raster.RECT`."""
 
@@ -64,8 +70,11 @@ class FloorLayout(NamedTuple):
 
 
 @kernel
-def _split(source: NumpyStream, length: int, parts: int, minimum: int) -> Index:
-    """Whole numbers that sum to length, uneven by up to a quarter, none below least if possible."""
+def _split(source: NumpyStream, length: int, parts: int, minimum: int, least: int) -> Index:
+    """Whole numbers that sum to length, uneven by up to a quarter, none below minimum if possible.
+
+    Where one would be below `least`, all are even.
+    """
     share, total = np.empty(parts), 0.0
     for k in range(parts):
         share[k] = numpy_uniform(source, 0.75, 1.25)
@@ -78,6 +87,9 @@ def _split(source: NumpyStream, length: int, parts: int, minimum: int) -> Index:
         if sizes[k] > sizes[longest]:
             longest = k
     sizes[longest] += rest
+    if sizes[longest] < least:
+        for k in range(parts):
+            sizes[k] = (k + 1) * length // parts - k * length // parts
     return sizes
 
 
@@ -142,13 +154,16 @@ def generate_layout(
         deep = cell_count(numpy_uniform(source, low, high))
         n = put(rooms, n, left, outer, left + deep, h - outer)
         left += deep + INNER
-    count = 1 if home or h < _SECOND_CORRIDOR else 2  # of corridors along the building
+    least = cell_count(door_width[1]) + 2 * JAMB  # a room that holds a door
+    widest = cell_count(corridor_width[1])
+    need = 2 * widest + 3 * _ROOM_MIN + 2 * OUTER + 4 * INNER
+    count = 1 if home or h < max(_SECOND_CORRIDOR, need) else 2  # of corridors along the building
     depth = h - 2 * OUTER - 2 * count * INNER
     widths = np.empty(count, np.int64)
     for k in range(count):
         widths[k] = cell_count(numpy_uniform(source, corridor_width[0], corridor_width[1]))
         depth -= widths[k]
-    row_depths = _split(source, depth, count + 1, _ROOM_MIN)
+    row_depths = _split(source, depth, count + 1, _ROOM_MIN, least)
     y = y0 = outer
     for k in range(count):
         y += row_depths[k] + INNER
@@ -157,7 +172,8 @@ def generate_layout(
             d = put(openings, d, left - INNER, y, left, y + widths[k])
         y += widths[k] + INNER
     corridor_count, end_1 = count, right
-    if count == 2 and (not lobby or numpy_uniform(source, 0.0, 1.0) < 0.5):
+    crosses = count == 2 and (not lobby or numpy_uniform(source, 0.0, 1.0) < 0.5)
+    if crosses and right - left - widest >= _ROOM_MIN + INNER:
         across = right - cell_count(numpy_uniform(source, corridor_width[0], corridor_width[1]))
         corridor_count = put(corridors, two, across, corridors[0].y1, right, corridors[1].y0)
         end_1 = across - INNER
@@ -165,9 +181,10 @@ def generate_layout(
         y1 = y0 + row_depths[k]
         end = end_1 if k == 1 else right
         apart = cell_count(numpy_uniform(source, 3.0, 4.8))
-        parts = max(1, int(np.rint((end - left) / apart)))
+        parts = min(int(np.rint((end - left) / apart)), (end - left + INNER) // (least + INNER))
+        parts = max(1, parts)
         x = left
-        sizes = _split(source, end - left - (parts - 1) * INNER, parts, _ROOM_MIN)
+        sizes = _split(source, end - left - (parts - 1) * INNER, parts, _ROOM_MIN, least)
         for number in range(parts):
             size = sizes[number]
             n = put(rooms, n, x, y0, x + size, y1)

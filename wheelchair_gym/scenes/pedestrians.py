@@ -298,7 +298,7 @@ def sample_people(
             made = _make(rng, people, kind, who)
             if _fits(made, grid, near):
                 break
-            made = made[:1]
+            made = [who]
         if made:
             found += _place(made, kind, start, grid, taken)
     return found
@@ -442,7 +442,7 @@ def sample_passage_people(
                 if not _fits(made, grid, near):
                     if tried < _TRIES_TOGETHER:
                         continue
-                    made = made[:1]
+                    made = [who]
                 found += _place(made, kind, passage.start, grid, taken)
                 break
     return found

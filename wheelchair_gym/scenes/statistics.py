@@ -10,7 +10,7 @@ import numpy as np
 from wheelchair_gym.actors import records
 from wheelchair_gym.geometry.planar import path_length
 from wheelchair_gym.maps import OCCUPIED, bottleneck, geodesic
-from wheelchair_gym.scenes import Scene, arena, crowd, floor_plan, pedestrians
+from wheelchair_gym.scenes import Mixture, Scene, arena, crowd, floor_plan, pedestrians
 from wheelchair_gym.types import Episode
 
 
@@ -37,6 +37,8 @@ _ALWAYS = {"way [m]", "bottleneck margin [m]", "density", "walls", "discs", "sta
 
 def _figures(scene: Scene, rng: np.random.Generator) -> dict[str, Any]:
     """Figures of one world: numbers, or one number for each door, corridor, person ..."""
+    while isinstance(scene, Mixture):
+        scene = scene.draw_scene(rng)
     moves = isinstance(scene, crowd.Crowd | crowd.Temporary)
     layout = None
     if isinstance(scene, floor_plan.FloorPlan | crowd.Crowd | crowd.Temporary):
@@ -60,7 +62,7 @@ def _figures(scene: Scene, rng: np.random.Generator) -> dict[str, Any]:
         figures["door width [m]"] = scene.door_width
         figures["corridor width [m]"] = scene.corridor_width
         figures["margin round the corner [m]"] = scene.margin()
-    return figures | _actor_figures(episode) if moves else figures
+    return figures | _actor_figures(episode) if moves or len(episode.actors) else figures
 
 
 def _actor_figures(episode: Episode) -> dict[str, Any]:

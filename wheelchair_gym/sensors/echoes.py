@@ -17,6 +17,7 @@ from wheelchair_gym.geometry.planar import body_to_world, world_to_body
 _F = np.float32
 _ZERO, _TINY = _F(0.0), _F(1e-30)
 _MARGIN = 1e-6  # m: more than rounding
+_GAP = 1e-4  # m: a sensor so near a surface touches it
 _QUARTER, _HALF = _F(0.5 * math.pi), _F(math.pi)
 # Odd polynomial of the arc tangent on [0, 1] (Abramowitz and Stegun 4.4.49), lowest power first.
 _A1, _A3, _A5, _A7 = _F(0.9999993329), _F(-0.3332985605), _F(0.1994653599), _F(-0.1390853351)
@@ -75,6 +76,47 @@ def occluded_by_discs(qx: float, qy: float, discs: Array, x: float, y: float) ->
             if 0.0 < t < 1.0 - 1e-9:
                 return True
     return False
+
+
+@borrowing_kernel
+def reach_of_mount(x: float, y: float, dx: float, dy: float, walls: Array, discs: Array) -> float:
+    """Return the share of the way from a point of the chair to a mount that ends at a surface.
+
+    It is 1 where nothing is between them. Contact leaves a sensor at the chair's edge on a surface,
+    or a little behind it, from where it would see through the wall.
+    """
+    # Nearly always nothing is near that way: boxes round both show it, in loops that vectorise.
+    left, right = min(x, x + dx) - 2.0 * _GAP, max(x, x + dx) + 2.0 * _GAP
+    low, high = min(y, y + dy) - 2.0 * _GAP, max(y, y + dy) + 2.0 * _GAP
+    ends, rounds, near = walls.reshape(walls.size), discs.reshape(discs.size), 0
+    for k in range(np.uint64(walls.shape[0])):
+        ax, ay, bx, by = ends[4 * k], ends[4 * k + 1], ends[4 * k + 2], ends[4 * k + 3]
+        apart = (ax < left) & (bx < left) | (ax > right) & (bx > right)
+        near += not (apart | (ay < low) & (by < low) | (ay > high) & (by > high))
+    for k in range(np.uint64(discs.shape[0])):
+        ax, ay, r = rounds[3 * k], rounds[3 * k + 1], rounds[3 * k + 2]
+        near += (ax + r > left) & (ax - r < right) & (ay + r > low) & (ay - r < high)
+    length = math.hypot(dx, dy)
+    if near == 0 or length == 0.0:
+        return 1.0
+    gap = _GAP / length
+    reached = end = 1.0 + gap
+    for k in range(walls.shape[0]):
+        ax, ay = walls[k, 0] - x, walls[k, 1] - y
+        ex, ey = walls[k, 2] - walls[k, 0], walls[k, 3] - walls[k, 1]
+        cross = dx * ey - dy * ex
+        t, u = ax * ey - ay * ex, ax * dy - ay * dx
+        side = 1.0 if cross > 0.0 else -1.0
+        size = abs(cross)
+        hit = (side * t >= 0.0) & (side * t < reached * size) & (0.0 <= side * u <= size)
+        reached = side * t / size if hit else reached
+    for k in range(discs.shape[0]):
+        ax, ay, radius = discs[k, 0] - x, discs[k, 1] - y, discs[k, 2]
+        along, beside = (ax * dx + ay * dy) / length, (ax * dy - ay * dx) / length
+        if abs(beside) < radius and along > 0.0:
+            t = max(0.0, along - math.sqrt(radius * radius - beside * beside)) / length
+            reached = min(reached, t)
+    return max(0.0, reached - gap) if reached < end else 1.0
 
 
 @inlined

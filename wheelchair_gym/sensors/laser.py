@@ -30,14 +30,13 @@ from wheelchair_gym.compiled.kernel import absorbed_kernel, borrowing_kernel, in
 from wheelchair_gym.compiled.random import LASER, LASER_BIAS, bits, mix, normal
 from wheelchair_gym.compiled.simd import bits_of_float, rasterize_line
 from wheelchair_gym.geometry.planar import point_to_world, world_to_body
-from wheelchair_gym.sensors.echoes import atan2_f32, relative_endpoints
+from wheelchair_gym.sensors.echoes import atan2_f32, reach_of_mount, relative_endpoints
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 
 WORKSPACE_ROWS = 10  # rows of workspace: 4 for ends, 2 for angles, 4 for lines
 
 _F = np.float32
 _ZERO, _ONE, _TINY, _NONE = _F(0.0), _F(1.0), _F(1e-30), _F(np.inf)
-_GAP = 1e-4  # m: a sensor so near a surface touches it
 _TURN = _F(2.0 * math.pi)
 _EDGE = _F(2e-6)  # rad: beams this near to a segment's end are hits, so that joints have no gap
 _SLIM = _F(1e-12)  # rad2: segments that look narrower than the root of this are seen edge-on
@@ -281,36 +280,6 @@ def add_laser_noise(laser: LaserArrays, key: np.uint64, step: int, out: Floats) 
 
 
 @borrowing_kernel
-def _reach_of_mount(x: float, y: float, dx: float, dy: float, walls: Array, discs: Array) -> float:
-    """Return the share of the way from a point of the chair to a mount that ends at a surface.
-
-    It is 1 where nothing is between them. Contact leaves a sensor at the chair's edge on a surface,
-    or a little behind it, from where it would see through the wall.
-    """
-    length = math.hypot(dx, dy)
-    if length == 0.0:
-        return 1.0
-    gap = _GAP / length
-    reached = end = 1.0 + gap
-    for k in range(walls.shape[0]):
-        ax, ay = walls[k, 0] - x, walls[k, 1] - y
-        ex, ey = walls[k, 2] - walls[k, 0], walls[k, 3] - walls[k, 1]
-        cross = dx * ey - dy * ex
-        t, u = ax * ey - ay * ex, ax * dy - ay * dx
-        side = 1.0 if cross > 0.0 else -1.0
-        size = abs(cross)
-        hit = (side * t >= 0.0) & (side * t < reached * size) & (0.0 <= side * u <= size)
-        reached = side * t / size if hit else reached
-    for k in range(discs.shape[0]):
-        ax, ay, radius = discs[k, 0] - x, discs[k, 1] - y, discs[k, 2]
-        along, beside = (ax * dx + ay * dy) / length, (ax * dy - ay * dx) / length
-        if abs(beside) < radius and along > 0.0:
-            t = max(0.0, along - math.sqrt(radius * radius - beside * beside)) / length
-            reached = min(reached, t)
-    return max(0.0, reached - gap) if reached < end else 1.0
-
-
-@borrowing_kernel
 def sense_laser(
     laser: LaserArrays,
     pose: Array,
@@ -324,7 +293,7 @@ def sense_laser(
     """One scan of a chair at a pose (3,) [m, m, rad], as its laser reports it."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
     x, y = point_to_world(c, s, pose[0], pose[1], laser.mount[0], laser.mount[1])
-    share = _reach_of_mount(pose[0], pose[1], x - pose[0], y - pose[1], walls, discs)
+    share = reach_of_mount(pose[0], pose[1], x - pose[0], y - pose[1], walls, discs)
     if share < 1.0:
         x, y = pose[0] + share * (x - pose[0]), pose[1] + share * (y - pose[1])
     exact_scan(laser, x, y, pose[2] + laser.mount[2], walls, discs, workspace, out)

@@ -32,6 +32,15 @@ class Mount:
     """Heading of the middle beam, or of the cone."""
 
 
+def _check_ranges(sensor: LaserSettings | UltrasonicModel) -> None:
+    """Refuse a sensor whose minimum range is not below its largest one."""
+    if sensor.range_min >= sensor.reach:
+        raise InputError(
+            f"{type(sensor).__name__}.range_min is {sensor.range_min:g} m; expected less than "
+            f"the reach, {sensor.reach:g} m"
+        )
+
+
 @settings
 class LaserSettings(Mount):
     """A planar laser scanner; default as a Hokuyo UST-10LX, clipped to 10 m."""
@@ -69,6 +78,7 @@ class LaserSettings(Mount):
     def __post_init__(self) -> None:
         if self.beams == 1:
             raise InputError("LaserSettings.beams is 1; expected 2 or more, or 0: no scanner")
+        _check_ranges(self)
 
     @property
     def angles(self) -> Array:
@@ -98,6 +108,9 @@ class UltrasonicModel:
     """Standard deviation of a range."""
     ghost_share: float = setting(default=0.01, low=0.0, high=1.0)
     """Share of readings that show an echo of nothing."""
+
+    def __post_init__(self) -> None:
+        _check_ranges(self)
 
 
 @settings

@@ -25,6 +25,7 @@ from wheelchair_gym.sensors.echoes import (
     is_echo_lost,
     occluded_by_discs,
     occludes,
+    reach_of_mount,
     relative_endpoints,
 )
 from wheelchair_gym.sensors.settings import UltrasonicSettings
@@ -181,6 +182,9 @@ def sense_ultrasonic(
     c, s = math.cos(pose[2]), math.sin(pose[2])
     mount, reach, draw = ranger.mount, ranger.reach, _DRAWS * ranger.number
     x, y = point_to_world(c, s, pose[0], pose[1], mount[0], mount[1])
+    share = reach_of_mount(pose[0], pose[1], x - pose[0], y - pose[1], walls, discs)
+    if share < 1.0:
+        x, y = pose[0] + share * (x - pose[0]), pose[1] + share * (y - pose[1])
     loss = uniform(key, tick, ULTRASONIC, draw)
     distance = first_echo(x, y, pose[2] + mount[2], ranger, loss, walls, discs, workspace)
     distance += sigma * normal(key, tick, ULTRASONIC, draw + 1)

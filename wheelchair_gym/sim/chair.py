@@ -67,6 +67,8 @@ class SimulatedChair(Chair):
         self._episode: Episode | None = None
         self._moves = False  # anything beside it
         self._truth: Truth | None = None  # of the latest reading, once asked for
+        self.sensed: Rows = np.empty(0, SENSED)
+        self._ranges: NDArray[np.float32] = np.empty(0, np.float32)
         self._bind()
 
     def compile_beside(self) -> None:
@@ -85,10 +87,9 @@ class SimulatedChair(Chair):
         size_workspace(self.pointers, 0 if self._episode is None else columns_of(self._episode))
 
     def __getstate__(self) -> dict[str, Any]:
-        """Settings, episode and the chair's row; all else follows from these."""
-        names = "settings", "sensors", "physics", "period", "chairs", "_beams", "_episode"
-        state = {name: getattr(self, name) for name in (*names, "_moves")}
-        return state | {"_truth": None if self._episode is None else self.truth}
+        """Settings, episode, latest reading and the chair's row; all else follows from these."""
+        names = "settings", "sensors", "physics", "period", "chairs", "_beams", "_episode", "_moves"
+        return {name: getattr(self, name) for name in (*names, "_truth", "sensed", "_ranges")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Restore the state of a copy."""
@@ -147,23 +148,28 @@ class SimulatedChair(Chair):
         """The true state; see `Chair.truth`.
 
         Raises:
-            ValueError: the chair was never reset.
+            ValueError: the chair was never reset, or it was closed.
         """
-        if self._episode is None:
-            raise ValueError("the chair was never reset, or it was closed")
         if self._truth is None:
+            values = self._values(SENSED_TRUTH)
             actors = self._world.actor_poses() if self._moves else NO_POSES
-            self._truth = Truth(**self._values(SENSED_TRUTH), actor_poses=actors)
+            self._truth = Truth(**values, actor_poses=actors)
         return self._truth
 
     def reading(self) -> Reading:
-        """The latest reading."""
+        """The latest reading.
+
+        Raises:
+            ValueError: the chair was never reset, or it was closed.
+        """
         values, columns = self._values(SENSED_READING), self.sensors.ultrasonic.columns
         values |= {name: values[name][:columns] for name in ("ultrasonic", "age")}
         return Reading(**values, laser=self._ranges)
 
     def _values(self, signals: Sequence[Signal]) -> dict[str, Any]:
         """Return signals of `sensed` by their names."""
+        if self._episode is None:
+            raise ValueError("the chair was never reset, or it was closed")
         values = dict(zip(_COLUMNS, self.sensed.item(), strict=True))
         return {signal.name: values[signal.column] for signal in signals}
 

@@ -138,6 +138,8 @@ class JointRandomization:
         covariance = np.array(rows, np.float64)
         if n and not np.allclose(covariance, covariance.T, rtol=1e-9, atol=0.0):
             raise InputError("joint row: the covariance is not symmetric")
+        if n and (np.diag(covariance) < 0.0).any():
+            raise InputError("joint row: the covariance has a negative variance")
         if n and np.linalg.eigvalsh(_correlation(covariance)).min() < -1e-9:
             raise InputError("joint row: the covariance is not positive semidefinite")
         for name, mean in zip(self.quantities, self.mean, strict=True):

@@ -97,6 +97,13 @@ class BatterySettings:
     regeneration: float = setting(default=0.5, low=0.0, high=0.95)
     """Share of the braking energy that is stored."""
 
+    def __post_init__(self) -> None:
+        if self.empty_voltage > self.full_voltage:
+            raise InputError(
+                f"BatterySettings.empty_voltage is {self.empty_voltage:g} V; expected at most "
+                f"full_voltage, {self.full_voltage:g} V"
+            )
+
 
 @settings
 class RandomSettings:
