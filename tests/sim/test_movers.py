@@ -369,7 +369,7 @@ def test_obstacles_appear_at_their_distance_and_go_again():
 def test_what_is_absent_is_sensed_nowhere():
     waits = records.obstacle((0.0, 0.0), since=1e6)
     for x, y in ((-1e4, 1e4), (1e4, 1e4), (-9e6, 9e6)):
-        reading = exact_chair().reset(among(waits, start=(x - 2.0, y, 0.0)), 0)
+        reading = exact_chair().reset(box(start=(x - 2.0, y, 0.0), actors=[waits]), 0)
         assert np.isposinf(reading.laser).all()
 
 
