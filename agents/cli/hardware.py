@@ -117,7 +117,7 @@ def _save(
         InputError: the board refuses one, or does not confirm that it saved them.
     """
     if refused := set_parameters(senses, clock, board, wanted):
-        raise InputError(f"{prefix}{'; '.join(refused.values())}{suffix}")
+        raise InputError(f"{prefix}{'; '.join(dict.fromkeys(refused.values()))}{suffix}")
     if not save_parameters(senses, clock, board):
         raise InputError(f"the {board} board does not confirm that it saved its parameters")
 

@@ -1,6 +1,7 @@
 """Laws of the hardware chair over the emulated boards: paced, honest, and it always stops."""
 
 import dataclasses
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from wheelchair_gym.hardware.registry import make_chair
 from wheelchair_gym.hardware.tools.diagnostics import Diagnostics
 from wheelchair_gym.hardware.twin.lockstep import IBUS_BAUD
 from wheelchair_gym.safety import Shield
-from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
+from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings, UltrasonicSettings
 from wheelchair_gym.sim.chair import SimulatedChair
 from wheelchair_gym.sim.settings import ChairSettings
 
@@ -162,11 +163,28 @@ def test_reset_says_what_it_waits_for_and_why_a_re_arm_is_refused(hosted):
     assert waits.endswith("a person must re-arm it; waits 120 s for that")
     assert refused == "not re-armed: the cause of the drive board's stop is still present"
     assert hosted.clock.now() > begun + 3.0
+    hosted.twin.faults.switches = Switch.STOP_PRESSED
+    chair.drive(STILL)
+    chair.rearm()  # refused in the episode: no news for the next reset
+    chair.drive(STILL)
+    hosted.twin.faults.switches = Switch(0)
+    hosted.minds = True
+    chair.reset(None, 0)
+    assert len(told) == 3
+    assert told[2].endswith("(EMERGENCY_STOP); a person must re-arm it; waits 120 s for that")
+
+
+def fill(port):
+    """Let a port take no more data, as pyserial says it."""
+    port.write = Mock(side_effect=type("SerialTimeoutException", (OSError,), {})("Write timeout"))
 
 
 # What breaks, why it stops, and within how many seconds it is slower by 0.02 m/s
 FAULTS = {
     "drive's cable": (lambda h: setattr(h.drive, "plugged", False), "drive board is silent", 0.25),
+    "drive's port takes no data": (
+        lambda h: fill(h.drive), "(LINK); a person must re-arm it (twin://drive: it takes no", 0.25
+    ),
     "range's cable": (lambda h: setattr(h.range, "plugged", False), "range board is silent", 1.2),
     "laser's cable": (lambda h: setattr(h.twin.laser, "plugged", False), "unplugged", 0.35),
     "laser is silent": (lambda h: setattr(h.twin.laser, "silent", True), "laser is silent", 0.35),
@@ -334,14 +352,38 @@ def test_a_late_policy_does_not_drive_on(hosted):
     assert chair.drive(AHEAD).halted == ""  # it goes on when told to
 
 
-def test_a_chair_that_its_motors_hold_is_named_and_re_armed(hosted, monkeypatch):
+@pytest.mark.parametrize("fault", [Fault.BRAKE, Fault.LINK, Fault.UNDER_VOLTAGE, Fault.OVERRUN])
+def test_a_chair_that_its_motors_hold_or_stop_is_named_and_re_armed(hosted, monkeypatch, fault):
     chair, sent = begun(hosted), []
-    holds = chair.senses.odometry._replace(mode=Mode.STOPPING, faults=Fault.BRAKE)
+    holds = chair.senses.odometry._replace(mode=Mode.STOPPING, faults=fault)
     monkeypatch.setattr(type(chair.senses), "odometry", holds)
-    assert "has stopped (BRAKE)" in chair.senses.stopped()
+    assert f"has stopped ({fault.name})" in chair.senses.stopped()
     chair.senses.drive.send = sent.append
     chair.rearm()
-    assert Rearm(Fault.BRAKE) in sent
+    assert Rearm(fault) in sent
+
+
+def test_no_reset_without_a_person_while_a_fault_brings_the_chair_to_rest(hosted):
+    chair = begun(hosted)
+    chair.settings = dataclasses.replace(chair.settings, rearm_timeout=1.0)
+    hosted.minds, hosted.twin.faults.battery = False, 20.0
+    while not chair.drive(AHEAD).halted:
+        pass
+    with pytest.raises(InputError, match=r"stopped \(UNDER_VOLTAGE\); a person must re-arm"):
+        chair.reset(None, 0)
+
+
+def test_a_guard_that_fails_goes_on_and_stops_the_chair_until_a_reset(hosted, caplog):
+    chair = begun(hosted)
+    chair._watch_person = Mock(side_effect=[KeyError("/scan"), KeyError("/scan"), *[None] * 999])
+    hosted.clock.wait(hosted.clock.now() + 0.02)
+    assert "the guard has failed (KeyError('/scan'))" in chair.drive(AHEAD).halted
+    assert deceleration(hosted) >= MIN_DECELERATION
+    assert chair.drive(AHEAD).halted == chair.latched
+    assert [one.getMessage() for one in caplog.records if one.levelname == "ERROR"] == [
+        f"twin://drive: {chair.latched}"  # said once
+    ]
+    assert chair.reset(None, 0).halted == chair.drive(AHEAD).halted == ""
 
 
 @pytest.mark.parametrize("way", ["close", "close by hand", "program killed"])
@@ -410,6 +452,24 @@ def test_boards_and_laser_must_be_those_of_the_settings():
         with pytest.raises(InputError, match=why):
             hosted.chair.reset(None, 0)
         hosted.close()
+
+
+@pytest.mark.parametrize("heard", [True, False])
+def test_another_range_board_is_noticed_at_the_next_reset(heard):
+    """Its parameters are the defaults; noise may swallow what it says after it was switched on."""
+    rangers = UltrasonicSettings(interval=0.1)
+    hosted = Hosted(box(3.0), sensors=SensorSettings(ultrasonic=rangers, noise=False))
+    chair = hosted.chair
+    chair.reset(None, 0)
+    hosted.twin.range.set_eeprom(b"\xff" * 256)
+    hosted.twin.range.reset()
+    hosted.clock.wait(hosted.clock.now() + 0.01)
+    if not heard:
+        hosted.range.board.read()
+    hosted.clock.wait(hosted.clock.now() + 1.0)
+    with pytest.raises(InputError, match=r"the range board's interval is 0.06; expected 0.1"):
+        chair.reset(None, 0)
+    hosted.close()
 
 
 def test_a_chair_of_other_sizes_drives_by_its_own():

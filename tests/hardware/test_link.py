@@ -5,11 +5,12 @@ import os
 import subprocess
 import sys
 import termios
+import threading
 
 import numpy as np
 import pytest
 
-from tests.conftest import ROOT, long_but, need_pty
+from tests.conftest import PATIENCE, ROOT, long_but, need_pty
 from tests.hardware.conftest import build_twin
 from tests.hardware.test_hokuyo import Clock
 from tests.sim.worlds import box
@@ -86,7 +87,7 @@ def test_an_unplugged_line_opens_again():
     plugged = True
     link = Link("x", clock, opener)
     assert link.send(protocol.Identify()) == 1
-    assert ports[0].taken[:2] == b"\0\0"  # a zero at the opening, and one ahead of each frame
+    assert ports[0].taken[:1] == b"\0"  # ends a frame that the board has received in part
     ports[0].given = protocol.encode(protocol.Identity(1, 2, 3, 4), 10) + protocol.encode(
         protocol.Identity(1, 2, 3, 4), 14
     )
@@ -217,9 +218,27 @@ def test_a_full_line_loses_one_frame_only():
     assert link.send(protocol.Identify()) is not None
     port.full = True
     assert link.send(protocol.Identify()) is None
+    assert link.error == "x: it takes no data"
     port.full = False
     assert link.send(protocol.Identify()) is not None
+    assert link.error == ""
     assert (link.statistics.unsent, link.statistics.sent) == (1, 2)
+
+
+def test_a_port_that_takes_no_data_keeps_nobody_waiting(terminal):
+    """Nobody reads at its far end: a hung converter, or a twin that Ctrl-Z has stopped."""
+    link = Link(terminal)
+
+    def fill():
+        while not link.statistics.unsent or link.statistics.sent + link.statistics.unsent < 2000:
+            link.send(protocol.Command(0.3, 0.0))
+
+    sender = threading.Thread(target=fill, daemon=True)
+    sender.start()
+    sender.join(PATIENCE)
+    assert not sender.is_alive()
+    assert link.error == f"{terminal}: it takes no data"
+    link.close()
 
 
 class NoisyChair:

@@ -25,7 +25,7 @@ from tests.conftest import PATIENCE, ROOT, long_but, refusal, until
 from tests.hardware.served import Served
 from wheelchair_gym import InputError
 from wheelchair_gym.geometry.kinematics import DriveGeometry
-from wheelchair_gym.hardware.ros import make_messages
+from wheelchair_gym.hardware.ros import make_messages, rosbridge
 from wheelchair_gym.hardware.ros import messages as ros
 from wheelchair_gym.hardware.ros.rosbridge import Rosbridge, RosbridgeServer, strict
 from wheelchair_gym.hardware.ros.settings import RosbridgeSettings
@@ -238,6 +238,23 @@ def test_throttled_and_late_subscribers_get_what_they_ask_for(robot):
         assert client.counts["/odom"] <= 1.0 + (time.monotonic() - begun) / 0.5
         client.send(op="subscribe", topic="/map")  # was published long ago
         assert until(lambda: "/map" in client.newest)
+
+
+def test_a_client_that_subscribes_while_a_message_is_written_gets_it(monkeypatch):
+    """A large map takes long: the client has got the map before it by then."""
+    with closing(RosbridgeServer("127.0.0.1", 0, lambda *_: "")) as server:
+        server.advertise("/map", "nav_msgs/OccupancyGrid", latch=True)
+        server.publish("/map", {"number": 1})
+        with Client(server.url) as client:
+
+            def write(message):
+                client.send(op="subscribe", topic="/map")
+                assert until(lambda: client.newest.get("/map") == {"number": 1})
+                return message
+
+            monkeypatch.setattr(rosbridge, "strict", write)
+            server.publish("/map", {"number": 2})
+            assert until(lambda: client.newest["/map"] == {"number": 2})
 
 
 def test_services_begin_episodes(robot):

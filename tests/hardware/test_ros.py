@@ -23,7 +23,7 @@ from agents.cli import main
 from agents.evaluation.evaluate import drive_episode
 from agents.policies import make_policy
 from tests.conftest import PATIENCE, ROOT, long_but, refusal, until
-from tests.hardware.fake_rosbridge import RANGERS, SENSORS, FakeRosbridge
+from tests.hardware.fake_rosbridge import RANGERS, SENSORS, FakeRosbridge, at, turned
 from tests.hardware.served import Served, signals_kept
 from wheelchair_gym import InputError
 from wheelchair_gym.compiled.kernel import kernel
@@ -372,6 +372,32 @@ def test_a_latched_map_may_come_again(bridge):
         senses.receive("/map", bridge._map(), came)
         assert senses.map is not None
         senses.clear()
+
+
+def test_each_episode_has_the_map_that_is_published_then(bridge, chair):
+    goal = bridge.episode.start[:2] + np.array([0.7, 0.2])
+    x, y, _ = chair.episode(goal).map.origin
+    origin = {"position": at(x - 0.5, y), "orientation": turned(0.0)}
+    bridge.mangle["/map"] = lambda m: {**m, "info": {**m["info"], "origin": origin}}
+    assert chair.episode(goal).map.origin == (x - 0.5, y, 0.0)
+
+
+def test_a_guard_that_fails_sends_zero_until_a_reset(bridge, chair):
+    """It is the only part that watches the chair; it fails here whenever it looks."""
+    begun(chair)
+    stale, guard = chair.senses.stale, f"{chair.url} guard"
+
+    def fail(now):
+        if threading.current_thread().name == guard:
+            raise KeyError("/scan")
+        return stale(now)
+
+    chair.senses.stale = fail
+    assert until(lambda: chair.latched == "the guard has failed (KeyError('/scan'))")
+    assert until(lambda: bridge.still)
+    assert chair.drive(AHEAD).halted == chair.latched
+    chair.senses.stale = stale
+    begun(chair)
 
 
 def test_a_service_without_a_name_does_not_end_the_link(chair):

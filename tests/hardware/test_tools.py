@@ -8,12 +8,13 @@ import pytest
 
 from tests.hardware.hosted import Hosted
 from tests.sim.worlds import box
+from wheelchair_gym import InputError
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.hardware.boards import parameters
-from wheelchair_gym.hardware.boards.protocol import Command, Switch
+from wheelchair_gym.hardware.boards.protocol import Command, Identify, Switch
 from wheelchair_gym.hardware.tools.diagnostics import Diagnostics, Orientation, status_rows
 from wheelchair_gym.perception.occupancy import fit_wall
-from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
+from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings, UltrasonicSettings
 
 pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
 
@@ -192,18 +193,54 @@ def test_another_fan_and_other_parameters_are_found():
     senses, clock = hosted.chair.senses, hosted.clock
     assert parameters.set_parameters(senses, clock, "drive", wanted["drive"]) == {}
     assert parameters.save_parameters(senses, clock, "drive")
-    clock.wait(clock.now() + 1.0)  # a byte of EEPROM each run
-    hosted.twin.drive.reset()
+    hosted.twin.drive.reset()  # switched off at once
     clock.wait(clock.now() + 0.5)
     senses.poll()
-    senses.parameters["drive"].reported.clear()
-    assert parameters.set_parameters(senses, clock, "drive", {"kp": 33.0}) == {}
+    table = senses.parameters["drive"]
+    assert not table.reported
+    assert senses.wait_for(clock, lambda: not table.mismatch({"kp": 33.0}), 1.0)
     before = clock.now()
     refused = parameters.set_parameters(senses, clock, "drive", {"kp": 1e9, "ki": 120.0})
     assert refused == {
         "kp": "the drive board's kp is 33; expected 1e+09, which it refuses: it takes 0 to 400"
     }
     assert clock.now() - before < 0.5  # it is not asked again and again
+    clock.call_every(lambda: hosted.twin.drive.set_eeprom(b"\xff"), 0.005, "worn EEPROM")
+    assert not parameters.save_parameters(senses, clock, "drive")
+    assert not senses.identities["drive"].stored
+    hosted.close()
+
+
+def test_exchanged_ports_are_named_and_nothing_is_written(hosted, checker):
+    senses, wanted = hosted.chair.senses, hosted.chair.parameters["drive"]
+    senses.drive, senses.range = senses.range, senses.drive
+    for board, line in (("drive", senses.drive), ("range", senses.range)):
+        senses.parameters[board].link = line
+    line, sent = senses.drive.send, []
+    senses.drive.send = lambda message: (sent.append(message), line(message))[1]
+    why = "the other board is at this port: exchange hardware.drive_port and hardware.range_port"
+    (said,) = set(parameters.set_parameters(senses, hosted.clock, "drive", wanted).values())
+    assert said == f"the drive board takes no parameters (twin://range: {why})"
+    assert {type(message) for message in sent} <= {Identify}
+    found = Diagnostics(senses, hosted.clock, hosted.chair.parameters).run()
+    assert [one.found for one in found if "board" in one.part] == [
+        f"twin://range: {why}", f"twin://drive: {why}"
+    ]  # fmt: skip
+    with pytest.raises(InputError, match=f"the drive board is silent .twin://range: {why}"):
+        hosted.chair.reset(None, 0)
+
+
+def test_rates_are_those_of_the_settings_and_of_the_laser():
+    rangers = UltrasonicSettings(interval=0.5)
+    hosted = Hosted(box(3.0), sensors=SensorSettings(ultrasonic=rangers, noise=False))
+    hosted.clock.guards.clear()
+    senses = hosted.chair.senses
+    checker = Diagnostics(senses, hosted.clock, hosted.chair.parameters)
+    assert bad(checker.run()) == set()
+    laser = senses.lasers[0]
+    laser.specs = laser.specs._replace(rpm=600)
+    (rate,) = (one.found for one in checker.run() if not one.good)
+    assert rate == "40.0 Hz, expected 10.0"
     hosted.close()
 
 

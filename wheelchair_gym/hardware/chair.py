@@ -116,7 +116,7 @@ class HardwareChair(RealChair):
         self._travel, self._read_at = np.zeros(2), 0.0  # of the last reading
         self._closed = False
         self._wheels: list[tuple[Any, ...]] = []
-        self._start_guard(self._guard, POLL_PERIOD)
+        self._start_guard(self._guard, partial(self._send, STOP), POLL_PERIOD)
 
     def reset(self, episode: Episode | None = None, key: int = 0) -> Reading:
         """Stop, stay in place, and wait for fresh data and for a person to re-arm the chair.
@@ -154,7 +154,6 @@ class HardwareChair(RealChair):
         self._await(self._not_ready, timeout)
         self._synchronize()
         with self._lock:
-            self.latched = ""
             self._read_at = self.clock.now()
             odometry, self._travel = self.senses.odometer.at(self._read_at)
             self._begin(odometry)

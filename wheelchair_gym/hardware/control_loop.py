@@ -6,6 +6,8 @@ Time is an argument: real time, or that of a simulated world, in which nothing w
 from __future__ import annotations
 
 import atexit
+import contextlib
+import logging
 import math
 import threading
 import time
@@ -22,6 +24,7 @@ from wheelchair_gym.sensors.settings import LaserSettings
 from wheelchair_gym.sim.settings import ChairSettings
 from wheelchair_gym.types import Belief, Chair, NotCopyable, Reading, Truth
 
+_LOG = logging.getLogger(__name__)
 POLL_PERIOD = 0.01  # s between two checks of what arrives in other threads
 QUIET = 1.0  # s of waiting before a person is informed
 LATE = 0.01  # s: a control period that ends so much after its time is late
@@ -164,16 +167,32 @@ class RealChair(NotCopyable, Chair):
     def _begin(self, odometry: Array) -> None:
         """Begin an episode now, at a pose (3,) of the odometry."""
         self._due = self._begun = self.clock.now()
-        self._late, self._started = [], False
+        self._late, self._started, self.latched = [], False, ""
         self._odometry, self._known = odometry, _nothing_known(odometry)
 
     def _end(self) -> None:
         """End the episode: no command is valid any longer."""
         self._begun, self._valid_until = math.nan, -math.inf
 
-    def _start_guard(self, guard: Callable[[], object], interval: float) -> None:
-        """Call `guard` at an interval [s] beside the policy, and `close` when the program ends."""
-        self._end_guard = self.clock.call_every(guard, interval, self._name)
+    def _start_guard(
+        self, guard: Callable[[], object], stop: Callable[[], object], interval: float
+    ) -> None:
+        """Call `guard` at an interval [s] beside the policy, and `close` when the program ends.
+
+        Where the guard fails, it is called again, and the chair stops by `stop` until its reset.
+        """
+
+        def watch() -> None:
+            try:
+                guard()
+            except Exception as error:  # a chair under ROS has no other watchdog
+                if not self.latched:
+                    self.latched = f"the guard has failed ({error!r})"
+                    _LOG.error("%s: %s", self._name, self.latched)
+                with contextlib.suppress(Exception), self._lock:
+                    stop()
+
+        self._end_guard = self.clock.call_every(watch, interval, self._name)
         atexit.register(self.close)
 
     def _stop_guard(self) -> None:

@@ -1,4 +1,4 @@
-"""A serial line to one board: frames out and in, without waiting, reopened when it was lost."""
+"""A serial line to one board: frames out and in, reopened when it was lost."""
 
 from __future__ import annotations
 
@@ -36,6 +36,7 @@ class Link(Reconnecting[Port]):
 
     Attributes:
         statistics: of its traffic.
+        other_board: a different board was heard, since the line was last opened.
         sent_at: when the last message of each sequence number was sent [s].
 
     Raises:
@@ -56,14 +57,18 @@ class Link(Reconnecting[Port]):
         self._clock = clock
         self._receiver, self._understood = Receiver(), False
         self._sequence = 0
+        self.other_board = False
         self.sent_at: dict[int, float] = {}
         self._last: int | None = None  # the board's last sequence number
         self._bad_before = 0  # frames refused before the line was last opened
 
     @property
     def mismatch(self) -> str:
-        """Why the board's data are not understood, as a line of text; empty: no reason."""
+        """Why the board's data are not used, as a line of text; empty: no reason."""
         receiver = self._receiver
+        if self.other_board:
+            ports = "hardware.drive_port and hardware.range_port"
+            return f"{self.url}: the other board is at this port: exchange {ports}"
         if receiver.other is not None:
             return (
                 f"{self.url}: the board speaks version {receiver.other} of the protocol, this "
@@ -86,11 +91,14 @@ class Link(Reconnecting[Port]):
         # The zero byte ends what noise may have put on the line.
         data = b"\0" + encode(message, self._sequence)
         port = self.get(self._clock())
+        written: int | None = 0
         try:
-            written = 0 if port is None else port.write(data)
+            if port is not None:
+                written, self.error = port.write(data), ""
         except OSError as error:  # pyserial's errors are OSErrors
-            written = 0
-            if "timeout" not in type(error).__name__.lower():  # no room: only this frame is lost
+            if "timeout" in type(error).__name__.lower():  # no room: only this frame is lost
+                self.error = f"{self.url}: it takes no data"
+            else:
                 self.lose(explain(self.url, error))
         if written is not None and written < len(data):  # the board drops what it got of a frame
             self.statistics.unsent += 1
@@ -118,7 +126,7 @@ class Link(Reconnecting[Port]):
         return frames
 
     def _begin(self, port: Port) -> None:
-        port.write(b"\0")  # ends a frame that the board has received in part
         self._last, self._receiver, self._understood = None, Receiver(), False
+        self.other_board = False
         self._bad_before = self.statistics.bad
         self.statistics.opened += 1

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from wheelchair_gym.hardware.boards import protocol
 from wheelchair_gym.hardware.boards.link import Link
-from wheelchair_gym.hardware.boards.protocol import Get, Mode, Parameter, Save, Set, Status
 from wheelchair_gym.hardware.settings import HardwareSettings
 from wheelchair_gym.sensors.settings import SensorSettings, UltrasonicSettings
 from wheelchair_gym.sim.settings import ChairSettings
@@ -33,9 +33,9 @@ RANGE_PARAMETERS = (
     "interval", "sound", "narrow_reach", "wide_reach", "narrow_blind", "wide_blind", "n_rangers",
 )  # fmt: skip
 NAMES = {"drive": DRIVE_PARAMETERS, "range": RANGE_PARAMETERS}
-PATIENCE = 3.0  # s for each parameter
+PATIENCE = 3.0  # s for each parameter, for an identity, and until EEPROM is written
 _REPEAT = 0.1  # s between two attempts to set one
-_SAVED = 0.2  # s for an answer to `Save`
+_ANSWER = 0.2  # s for an answer to `Save` or `Identify`
 _AGREE = 1e-4  # relative difference between equal parameters: boards keep 32 bits
 _MISSING, _COUNTS = 0.01, 3.0  # m; counts of coarse encoders, which report a motion in jumps
 
@@ -86,9 +86,9 @@ class ParameterTable:
 
     def __init__(self, board: str, link: Link | None) -> None:
         self.board, self.link, self.names = board, link, NAMES[board]
-        self.reported: dict[str, Parameter] = {}
+        self.reported: dict[str, protocol.Parameter] = {}
 
-    def update(self, parameter: Parameter) -> None:
+    def update(self, parameter: protocol.Parameter) -> None:
         """Take a parameter that the board reports."""
         if parameter.number < len(self.names):
             self.reported[self.names[parameter.number]] = parameter
@@ -103,7 +103,7 @@ class ParameterTable:
         for name, value in wanted.items():
             held = self.reported.get(name)
             if held is None:
-                self.link.send(Get(self.names.index(name)))
+                self.link.send(protocol.Get(self.names.index(name)))
                 return f"the {self.board} board does not report its {name}"
             if not math.isclose(held.value, value, rel_tol=_AGREE, abs_tol=1e-6):
                 found = f"the {self.board} board's {name} is {held.value:.6g}; expected {value:.6g}"
@@ -121,7 +121,7 @@ class ParameterTable:
 def set_parameters(
     senses: BoardSensors, clock: Clock, board: str, wanted: dict[str, float]
 ) -> dict[str, str]:
-    """Set the parameters of a board that differ; the board must be at rest.
+    """Set the parameters of a board that differ, once it has identified itself; it must be at rest.
 
     They are in force at once, and lost at power-off until the board has saved them.
 
@@ -131,6 +131,9 @@ def set_parameters(
     table = senses.parameters[board]
     if table.link is None:
         return dict.fromkeys(wanted, f"there is no {board} board")
+    if not identify(senses, clock, board):
+        why = table.link.error or table.link.mismatch or "it does not identify itself"
+        return dict.fromkeys(wanted, f"the {board} board takes no parameters ({why})")
     found = {name: _set(senses, clock, table, name, value) for name, value in wanted.items()}
     return {name: why for name, why in found.items() if why}
 
@@ -145,8 +148,8 @@ def _set(senses: BoardSensors, clock: Clock, table: ParameterTable, name: str, v
         if not table.mismatch({name: value}) or table.refuses(name, value):
             return True
         if name in table.reported and clock.now() - sent > _REPEAT:
-            link.send(Set(number, value))
-            link.send(Get(number))
+            link.send(protocol.Set(number, value))
+            link.send(protocol.Get(number))
             sent = clock.now()
         return False
 
@@ -154,23 +157,39 @@ def _set(senses: BoardSensors, clock: Clock, table: ParameterTable, name: str, v
     why = table.mismatch({name: value})
     if done or table.board != "drive" or not math.isfinite(senses.stamp_of("odometry")):
         return why
-    mode = Mode(senses.odometry.mode)
-    if mode in (Mode.STOPPED, Mode.READY):
+    mode = protocol.Mode(senses.odometry.mode)
+    if mode in (protocol.Mode.STOPPED, protocol.Mode.READY):
         return why
     return f"{why}: it takes parameters at rest, with its drivers off; its mode is {mode.name}"
 
 
+def identify(senses: BoardSensors, clock: Clock, board: str, stored: bool = False) -> bool:
+    """Ask a board to identify itself; return whether it does, `stored`: with saved parameters."""
+    link, end = senses.parameters[board].link, clock.now() + PATIENCE
+    senses.identities.pop(board, None)
+
+    def identified() -> bool:
+        identity = senses.identities.get(board)
+        return identity is not None and (bool(identity.stored) or not stored)
+
+    while link is not None and clock.now() < end and not link.other_board:
+        link.send(protocol.Identify())
+        if senses.wait_for(clock, identified, _ANSWER):
+            return True
+    return False
+
+
 def save_parameters(senses: BoardSensors, clock: Clock, board: str) -> bool:
-    """Make a board keep its parameters over power-off; return whether it confirms that."""
+    """Make a board keep its parameters over power-off; return whether its EEPROM holds them."""
     link = senses.parameters[board].link
     end = clock.now() + PATIENCE
     while link is not None and clock.now() < end:
-        expected = link.send(Save()), Status.DONE
+        expected = link.send(protocol.Save()), protocol.Status.DONE
 
-        def saved(expected: tuple[int | None, Status] = expected) -> bool:
+        def saved(expected: tuple[int | None, protocol.Status] = expected) -> bool:
             answer = senses.answers.get(board)
             return answer is not None and (answer.sequence, answer.status) == expected
 
-        if senses.wait_for(clock, saved, _SAVED):
-            return True
+        if senses.wait_for(clock, saved, _ANSWER):
+            return identify(senses, clock, board, stored=True)
     return False

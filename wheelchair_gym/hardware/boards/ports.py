@@ -38,7 +38,7 @@ class Port(Protocol):
 
 
 def open_port(url: str) -> Port:
-    """Open a device, or any URL that pyserial knows; reading and writing never wait.
+    """Open a device, or any URL that pyserial knows; reading never waits, writing 1 ms at most.
 
     A device is locked against other programs. The first opening after it was plugged in resets an
     Arduino; later ones do not, since DTR keeps its level.
@@ -48,8 +48,9 @@ def open_port(url: str) -> Port:
         InputError: pyserial is not installed.
     """
     serial = load_extra("serial")
+    # With a timeout of 0, pyserial 3.5 tries for ever to write to a port that takes no data.
     port: Any = serial.serial_for_url(
-        url, baudrate=BAUD, timeout=0, write_timeout=0, exclusive=True, do_not_open=True
+        url, baudrate=BAUD, timeout=0, write_timeout=1e-3, exclusive=True, do_not_open=True
     )
     try:
         port.open()

@@ -105,6 +105,8 @@ _KEPT = 500  # reports of odometry: 10 s
 POLL_PERIOD = 0.005  # s between two reads of the lines: a quarter of the odometry's period
 LASERS = ("laser", "second laser", "third laser", "fourth laser")
 _FAN = 0.01  # rad: maximum difference between the laser's fan and its settings
+_BOARDS = {protocol.Board.DRIVE_BOARD: "drive", protocol.Board.RANGE_BOARD: "range"}
+_SENDERS = {protocol.Odometry: "drive", protocol.Joystick: "drive", protocol.Ranges: "range"}
 _RANGE_OF = {
     int(protocol.RangeStatus.NO_ECHO): math.inf,
     int(protocol.RangeStatus.SILENT): math.nan,
@@ -168,7 +170,7 @@ class BoardSensors:
         self._newest = {"odometry": Latest(drift), "ultrasonic": Latest(drift)}
         self._newest |= {name: Latest(_LASER_DRIFT) for name in self.scans}
         self._joystick: tuple[protocol.Joystick, float] | None = None  # and when it came [s]
-        self._stamp = -math.inf
+        self._stamps = dict.fromkeys(lines, -math.inf)  # s, of each board's last data
 
     def clear(self) -> None:
         """Forget all data; the wheels' odometry goes on."""
@@ -178,12 +180,13 @@ class BoardSensors:
             laser.compare_clocks(_COMPARED)
         self._joystick = None
         self.pressed = False
+        self.answers.clear()
 
     def poll(self) -> None:
         """Read what has come; never waits."""
         for board, table in self.parameters.items():
             for frame in table.link.poll() if table.link else ():
-                self._take(board, frame.message)
+                self._take(board, table, frame.message)
         for name, laser in zip(self.scans, self.lasers, strict=True):
             newest = self._newest[name]
             for scan in laser.poll():
@@ -201,13 +204,21 @@ class BoardSensors:
 
         return not wait_until(clock, missing, timeout, interval=POLL_PERIOD)
 
-    def _take(self, board: str, message: Any) -> None:
-        now = self._now()
+    def _take(self, board: str, table: ParameterTable, message: Any) -> None:
+        now, identity = self._now(), isinstance(message, protocol.Identity)
+        sender = _BOARDS.get(message.board) if identity else _SENDERS.get(type(message), board)
+        assert table.link is not None
+        table.link.other_board |= sender != board
+        if table.link.other_board:
+            return
+        stamp = getattr(message, "stamp", math.inf)
+        if (restarted := stamp < self._stamps[board]) or identity:
+            table.reported.clear()  # it may be an exchanged board, with other parameters
+        if stamp < math.inf:
+            self._stamps[board] = stamp
         if isinstance(message, protocol.Odometry):
-            if message.stamp < self._stamp:
+            if restarted:
                 self.odometer.restart()
-                self.parameters["drive"].reported.clear()  # they may have changed
-            self._stamp = message.stamp
             newest = self._newest["odometry"]
             newest.update(message, message.stamp, now - _ODOMETRY_LATENCY)
             sent = self.drive.sent_at.get(message.echo)
@@ -221,8 +232,8 @@ class BoardSensors:
         elif isinstance(message, protocol.Joystick):
             self._joystick = message, now
         elif isinstance(message, protocol.Parameter):
-            self.parameters[board].update(message)
-        elif isinstance(message, protocol.Identity):
+            table.update(message)
+        elif identity:
             self.identities[board] = message
         elif isinstance(message, protocol.Answer):
             self.answers[board] = message
@@ -291,11 +302,12 @@ class BoardSensors:
 
     def stopped(self) -> str:
         """Why the drive board has stopped until a person re-arms it; empty: it has not."""
-        holds = self.odometry.faults & protocol.Fault.BRAKE  # by its motors; it is not in STOPPED
-        if self.odometry.mode != protocol.Mode.STOPPED and not holds:
+        faults = self.odometry.faults  # an armed board has none
+        if self.odometry.mode != protocol.Mode.STOPPED and not faults:
             return ""
-        why = protocol.Fault(self.odometry.faults).name or "not armed"
-        return f"the drive board has stopped ({why}); a person must re-arm it"
+        why, deaf = protocol.Fault(faults).name or "not armed", self.drive.error
+        stopped = f"the drive board has stopped ({why}); a person must re-arm it"
+        return f"{stopped} ({deaf})" if deaf else stopped
 
     def laser_mismatch(self, k: int) -> str:
         """That the k-th laser's fan is not that of the settings; empty: it is."""

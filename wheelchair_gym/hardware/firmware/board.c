@@ -142,13 +142,13 @@ void board_identify(const parameters_t *parameters)
     board_send(IDENTITY, &identity, sizeof identity);
 }
 
-bool board_save(const parameters_t *parameters)
+bool board_save(parameters_t *parameters)
 {
     if (to_write)
         return false;
+    parameters->stored = false;
     store_parameters(parameters, image);
     to_write = STORE_SIZE(parameters->count);
-    written = 0;
     return true;
 }
 
@@ -165,7 +165,7 @@ void board_save_on(parameters_t *parameters)
     for (uint8_t i = 0; i < to_write; i++)
         if (eeprom_read_byte((const uint8_t *)(uint16_t)i) != image[i])
             parameters->stored = false;
-    to_write = 0;
+    to_write = written = 0;
 }
 
 void board_sleep(uint32_t seen)

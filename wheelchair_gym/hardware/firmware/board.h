@@ -20,7 +20,7 @@ void board_identify(const parameters_t *parameters);
 
 /* Write the parameters to EEPROM, a byte whenever it is ready, and read them back: never waits.
  * They are `stored` when what was read is what was written. */
-bool board_save(const parameters_t *parameters);
+bool board_save(parameters_t *parameters);
 void board_save_on(parameters_t *parameters);
 
 /* Sleep until a byte waits or the tick has moved on from `seen`. */

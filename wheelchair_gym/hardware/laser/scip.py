@@ -163,41 +163,34 @@ def metres(millimetres: NDArray[np.integer], farthest: float) -> Floats:
     return ranges
 
 
-def scan_fields(request: str) -> tuple[int, int, int] | None:
-    """First step, last step and beams per cluster of a request for scans; None: it is malformed."""
-    fields = request[2:12]
-    if len(fields) < 10 or not fields.isdecimal():
+def scan_steps(request: str) -> tuple[int, int] | None:
+    """First and last step of a request for scans of all beams; None: it is none."""
+    fields = request[2:]
+    if request[:2] != "MD" or not fields.isdecimal() or fields[8:] != "01000":
         return None
-    return int(fields[:4]), int(fields[4:8]), max(1, int(fields[8:10]))
+    return int(fields[:4]), int(fields[4:8])
 
 
 def encode_scan(
     request: str, millimetres: NDArray[np.integer], first_step: int, stamp: int
 ) -> bytes:
     """The reply that holds a scan, whose first range is that of a step, made at a stamp [ms]."""
-    fields = scan_fields(request)
-    assert fields is not None
-    first, last, cluster = fields
-    part = millimetres[first - first_step : last - first_step + 1]
-    # A cluster is reported by its nearest range.
-    data = encode_numbers(np.minimum.reduceat(part, np.arange(0, len(part), cluster)), 3)
+    steps = scan_steps(request)
+    assert steps is not None
+    data = encode_numbers(millimetres[steps[0] - first_step : steps[1] - first_step + 1], 3)
     lines = [data[k : k + DATA_LINE] for k in range(0, len(data), DATA_LINE)]
     return Reply(request, STREAMING, (encode_numbers([stamp % STAMP_WRAP], 4), *lines)).encode()
 
 
 def scan_of(reply: Reply, farthest: float) -> Scan | None:
-    """The scan of a reply to GD, GS, MD or MS; None if it holds none, or an incomplete one."""
-    command = reply.echo[:2]
-    if command not in ("GD", "GS", "MD", "MS") or reply.status not in (OK, STREAMING):
+    """The scan of a reply to MD; None if it holds none, or an incomplete one."""
+    steps = scan_steps(reply.echo)
+    if steps is None or reply.status != STREAMING:
         return None
     if len(reply.lines) < 2 or len(reply.lines[0]) != 4:
         return None
     stamp = decode_numbers(reply.lines[0], 4)
-    numbers = decode_numbers(b"".join(reply.lines[1:]), 2 if command[1] == "S" else 3)
-    fields = scan_fields(reply.echo)
-    if stamp is None or numbers is None or fields is None:
-        return None
-    first, last, cluster = fields
-    if len(numbers) != (last - first) // cluster + 1:
+    numbers = decode_numbers(b"".join(reply.lines[1:]), 3)
+    if stamp is None or numbers is None or len(numbers) != steps[1] - steps[0] + 1:
         return None
     return Scan(int(stamp[0]), metres(numbers, farthest))

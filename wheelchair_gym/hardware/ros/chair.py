@@ -81,7 +81,7 @@ class RosChair(RealChair):
         for topic, one in self.senses.topics.items():
             if topic != s.map:
                 self._link.subscribe(topic, one.type, one.queue)
-        self._start_guard(self._guard, min(POLL_PERIOD, 0.25 * period))
+        self._start_guard(self._guard, self._stop, min(POLL_PERIOD, 0.25 * period))
 
     def reset(self, episode: Episode, key: int) -> Reading:
         """Stop, stay in place, and wait for fresh data.
@@ -122,7 +122,7 @@ class RosChair(RealChair):
         """
         with self._lock:
             v, w = self._accept(twist)
-            why = self.senses.stale(self.clock.now())
+            why = self.latched or self.senses.stale(self.clock.now())
             if why or protective:
                 self._stop()
             else:
@@ -153,6 +153,7 @@ class RosChair(RealChair):
             ConnectionError: the link is lost.
         """
         topic, senses = self.settings.map, self.senses
+        senses.forget(topic)  # the map of an earlier call
         self._link.subscribe(topic, senses.topics[topic].type)
         self._await(lambda: "" if senses.map else senses.describe_silence(topic))
         self._link.unsubscribe(topic)  # a large map takes long to read

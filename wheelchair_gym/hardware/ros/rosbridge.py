@@ -390,8 +390,7 @@ class RosbridgeServer:
 
     def publish(self, topic: str, message: Any) -> None:
         """Send a message to all who have subscribed to its topic."""
-        clients = [one for one in self._clients if topic in one.topics]
-        if not clients and not self._topics[topic]:
+        if not self._topics[topic] and not any(topic in one.topics for one in self._clients):
             return
         text = json.dumps(
             {"op": "publish", "topic": topic, "msg": strict(message)}, allow_nan=False
@@ -399,8 +398,9 @@ class RosbridgeServer:
         with self._lock:
             if self._topics[topic]:
                 self._latched[topic] = text
-            for client in clients:
-                client.put(topic, text)
+            for client in self._clients:  # those who subscribed meanwhile, too
+                if topic in client.topics:
+                    client.put(topic, text)
 
     def close(self) -> None:
         """Close all connections; may be called again."""

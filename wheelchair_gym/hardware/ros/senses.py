@@ -178,6 +178,10 @@ class RosSensors:
         self._wrong = {}
         self._warned: set[str] = set()
 
+    def forget(self, topic: str) -> None:
+        """Forget the newest message of a topic."""
+        self._newest.pop(topic, None)
+
     def receive(self, topic: str, message: Any, came: float) -> None:
         """Store a message, or what is wrong with it; runs in the link's thread."""
         if topic not in self.topics:
@@ -200,7 +204,7 @@ class RosSensors:
                 edges = {child: (parent, pose, math.inf) for parent, child, pose in value}
                 self._rigid = {**self._rigid, **edges}
                 for one in self._lasers:  # those that came before were read without it
-                    self._newest.pop(one, None)
+                    self.forget(one)
             else:
                 stamp = ros.stamp(message["header"])  # a latched map comes again with its stamp
                 made = came if topic == s.map else self._made_at(topic, stamp, came)
@@ -235,9 +239,9 @@ class RosSensors:
         for topic, one in self.topics.items():
             if now - self._newest.get(topic, NEVER).measured_at > one.max_age:
                 return self.describe_silence(topic)
-        limit = self.settings.limits.latency
+        limit, clocks = self.settings.limits.latency, self._clocks  # `clear` makes others meanwhile
         for topic in (*self._lasers, self.settings.odometry):
-            if topic in self._clocks and (latency := self._clocks[topic].latency) > limit:
+            if topic in clocks and (latency := clocks[topic].latency) > limit:
                 return (
                     f"{topic} is late: its messages may be {latency:.2f} s old when they come, at "
                     f"most {limit:g} s are allowed"

@@ -13,8 +13,9 @@ import numpy as np
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.hardware.boards import protocol
+from wheelchair_gym.hardware.boards.parameters import identify
 from wheelchair_gym.hardware.boards.ports import silent_advice
-from wheelchair_gym.hardware.boards.protocol import Board, Fault, Mode, RangeStatus, Switch
+from wheelchair_gym.hardware.boards.protocol import Fault, Mode, RangeStatus, Switch
 from wheelchair_gym.hardware.boards.senses import LASERS, POLL_PERIOD, BoardSensors
 from wheelchair_gym.hardware.control_loop import Clock
 from wheelchair_gym.perception.occupancy import read_scan, wall_ahead
@@ -63,11 +64,10 @@ WATCH = 3.0  # s for which rates are measured
 PATIENCE = 3.0  # s for the first message of each part
 ANSWER = 0.5  # s after which a command or its answer was lost
 LATE = 0.03  # s from a command to odometry that echoes it: its period of 20 ms, and the line
-RATES = {"odometry": 50.0, "ultrasonic": 1.0 / 0.06}  # Hz
-SCAN_RATE = 40.0  # Hz
-TOLERANCE = 0.1  # maximum relative error of a rate
+ODOMETRY_RATE = 50.0  # Hz
+TOLERANCE = 0.1  # maximum relative error of a rate, and at least one message in WATCH
 ECHOES = 0.3  # least share of beams with an echo: with fewer, the laser may be covered
-_BOARDS = {"drive": ("odometry", Board.DRIVE_BOARD), "range": ("ultrasonic", Board.RANGE_BOARD)}
+_BOARDS = {"drive": "odometry", "range": "ultrasonic"}
 
 
 class Finding(NamedTuple):
@@ -139,21 +139,17 @@ class Diagnostics:
         return Finding(self._parts[name], "line", text, not silent, advice)
 
     def _identities(self) -> Iterator[Finding]:
-        for name, (data, board) in _BOARDS.items():
+        for name, data in _BOARDS.items():
             part = f"{name} board"
             if data not in self._links or data in self._missing():
                 continue
-            self._links[data].send(protocol.Identify())
-            self._wait(lambda n=name: n in self.senses.identities, 0.5)  # type: ignore[misc]
-            identity = self.senses.identities.get(name)
-            if identity is None:
+            if not identify(self.senses, self.clock, name):
                 yield Finding(part, "firmware", "does not identify itself", False, "flash")
                 continue
+            identity = self.senses.identities[name]
             text = f"{identity.parameters} parameters, reset cause 0x{identity.cause:02x}"
             text += ", stored" if identity.stored else ", defaults"
-            good = identity.board == board
-            swapped = "" if good else "it is the other board: swap the two devices in the config"
-            yield Finding(part, "firmware", text, good, swapped)
+            yield Finding(part, "firmware", text, True)
             differs = self._mismatch(name)
             text, advice = differs or "as the config says", "wheelchair hardware setup"
             yield Finding(part, "parameters", text, not differs, advice)
@@ -171,7 +167,7 @@ class Diagnostics:
 
     def _rates(self) -> Iterator[Finding]:
         senses, counts = self.senses, dict.fromkeys(self._parts, 0)
-        latest: dict[str, float] = {}
+        latest = {name: senses.stamp_of(name) for name in counts}
         delays, sequence, sent, n_lost = [], None, 0.0, 0
         begun = self.clock.now()
         while self.clock.now() - begun < WATCH:
@@ -179,8 +175,8 @@ class Diagnostics:
                 sequence, sent = senses.drive.send(protocol.Command(0.0, 0.0)), self.clock.now()
             senses.poll()
             now = self.clock.now()
-            for name, age in senses.ages(now).items():
-                if math.isfinite(age) and latest.get(name) != (stamp := senses.stamp_of(name)):
+            for name, before in latest.items():
+                if before != (stamp := senses.stamp_of(name)):
                     latest[name] = stamp
                     counts[name] += 1
             if math.isfinite(senses.ages(now)["odometry"]) and senses.odometry.echo == sequence:
@@ -190,10 +186,13 @@ class Diagnostics:
                 n_lost, sequence = n_lost + 1, None
             self.clock.wait(now + POLL_PERIOD)
         advice = "a busy computer or USB hub; a wrong device"
+        rates = {"odometry": ODOMETRY_RATE, "ultrasonic": 1.0 / senses.sensors.ultrasonic.interval}
+        each = zip(senses.scans, senses.lasers, strict=True)
+        rates |= {name: laser.specs.rpm / 60.0 for name, laser in each if laser.specs}
         for name, count in counts.items():
             if name not in self._missing():
-                rate, expected = count / WATCH, RATES.get(name, SCAN_RATE)
-                good = abs(rate - expected) <= TOLERANCE * expected
+                rate, expected = count / WATCH, rates[name]
+                good = abs(count - expected * WATCH) <= max(TOLERANCE * expected * WATCH, 1.0)
                 text = f"{rate:.1f} Hz, expected {expected:.1f}"
                 yield Finding(self._parts[name], "rate", text, good, advice)
         p99 = float(np.quantile(delays, 0.99)) if delays else math.inf

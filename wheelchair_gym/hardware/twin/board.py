@@ -303,7 +303,7 @@ class SerialCable:
 
 _BOOT = FREQUENCY // 10  # cycles
 _ANSWER = FREQUENCY // 100
-_SAVED = FREQUENCY  # a byte of EEPROM each control run of 5 ms, at most 32 parameters of 4
+_SAVED = FREQUENCY  # a byte of EEPROM each control run of 5 ms, at most 33 parameters of 4
 _SIZE = 256  # bytes: more than the largest store
 
 

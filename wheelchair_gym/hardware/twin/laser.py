@@ -31,7 +31,6 @@ class ScipSensor:
         self.time = 0
         self.streaming = ""
         self._bytes = b""
-        self._left: int | None = None  # scans to send
 
     def feed(self, data: bytes) -> bytes:
         """The replies to bytes from the host."""
@@ -49,12 +48,7 @@ class ScipSensor:
         """
         if not self.streaming or not self.on:
             return b""
-        request = self.streaming
-        if self._left is not None:
-            self._left -= 1
-            if self._left == 0:
-                self.streaming = ""
-        return scip.encode_scan(request, millimetres, self.specs.first, stamp)
+        return scip.encode_scan(self.streaming, millimetres, self.specs.first, stamp)
 
     def _answer(self, request: str) -> bytes:
         lines = self.specs.encode() if request[:2] == "PP" else ()
@@ -73,13 +67,12 @@ class ScipSensor:
         if command in ("QT", "RS", "RB"):
             self.on, self.streaming = False, ""
             return scip.OK
-        if command == "MD" and len(request) >= 15 and request[2:15].isdecimal():
-            first, last = int(request[2:6]), int(request[6:10])
-            if not self.specs.first <= first <= last <= self.specs.last:
+        if (steps := scip.scan_steps(request)) is not None:
+            if not self.specs.first <= steps[0] <= steps[1] <= self.specs.last:
                 return _BAD_STEPS
             if not self.on:
                 return scip.LASER_OFF
-            self.streaming, self._left = request, int(request[13:15]) or None
+            self.streaming = request
             return scip.OK
         return _UNKNOWN  # SCIP2.0, too: newer sensors speak nothing else
 
