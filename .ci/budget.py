@@ -3,8 +3,6 @@
 A part over its budget fails, and so does a budget above that of an earlier commit (`raised` apart).
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import tomllib

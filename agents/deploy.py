@@ -5,8 +5,6 @@ there and elsewhere. A scan that fits another place as well cannot tell the two 
 symmetric or alike.
 """
 
-from __future__ import annotations
-
 import logging
 import math
 import signal

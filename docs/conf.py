@@ -1,7 +1,5 @@
 """Sphinx configuration of the documentation; `make docs` builds it, with warnings as errors."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Films and figures of the documentation: `python docs/films.py [NAME ...]` draws docs/images."""
 
-from __future__ import annotations
-
 import contextlib
 import re
 import sys

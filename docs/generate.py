@@ -8,8 +8,6 @@
 - the reference of the public modules, from their docstrings (Google style, Markdown inside).
 """
 
-from __future__ import annotations
-
 import ast
 import dataclasses
 import enum

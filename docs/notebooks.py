@@ -4,8 +4,6 @@ A block of Python becomes a cell, a block that is a file's content a cell that w
 and commands of a shell stay text.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -3,8 +3,6 @@
 Needs `pip install 'wheelchair_gym[docs]'` (schemdraw).
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import schemdraw

@@ -12,8 +12,6 @@ Maps that a command names are those of the folder from which it is called.
 `python docs/tables.py try [NAME ...]` drives one episode of each policy and scene for a try.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import shlex

@@ -3,8 +3,6 @@
 A planner is its settings; `plan(problem, rng)` returns a `Plan`.
 """
 
-from __future__ import annotations
-
 from planners.collision.space import Space
 from planners.problem import Plan, Planner, Problem, Status
 from planners.registries import OPTIMIZERS, PLANNERS, make_planner

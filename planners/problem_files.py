@@ -1,7 +1,5 @@
 """Problem files: JSON lists of rectangle maps, each with a start, a goal and an optimum."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path

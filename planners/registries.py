@@ -1,7 +1,5 @@
 """The names of all planners, swarm optimizers and objectives, and where each is."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, Final
 

@@ -5,8 +5,6 @@ direction (Bolton 1975, Biarc curves), each ahead or back. It is driven in short
 constant curvature; a piece costs its duration at the chair's limits, and more near obstacles.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

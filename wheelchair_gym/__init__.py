@@ -5,8 +5,6 @@ Importing registers `wheelchair_gym/Navigation-v1`, `wheelchair_gym/GuidedNaviga
 assistant, and `wheelchair_gym/Hardware-v1`, which is the first over the real chair.
 """
 
-from __future__ import annotations
-
 import gymnasium as gym
 
 from wheelchair_gym.base.settings import InputError

@@ -4,8 +4,6 @@ The commands lie in the package `agents`, whose name other distributions may use
 `agents` or `planners` is found first, this says so in one line.
 """
 
-from __future__ import annotations
-
 import sys
 from importlib import import_module
 from importlib.util import find_spec

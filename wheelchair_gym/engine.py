@@ -6,8 +6,6 @@ found at import, by marks set through its API. A self-test at import compares th
 failure refuses to import.
 """
 
-from __future__ import annotations
-
 import ctypes
 import math
 from collections import namedtuple

@@ -1,7 +1,5 @@
 """The signals of a chair, as signals.toml declares them."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 from typing import Any, NamedTuple

@@ -6,8 +6,6 @@ object, as `Ompl`, whose `prepare(case)` returns an object for one map, untimed,
 planner is registered in `planners.PLANNERS`.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import importlib

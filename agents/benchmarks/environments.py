@@ -1,7 +1,5 @@
 """The speed of environments on this machine, and of IR-SIM (extra `peers`) in the same world."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import os

@@ -1,7 +1,5 @@
 """A planner benchmark: every entrant on every problem, on one core, stored, resumable and drawn."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import gc

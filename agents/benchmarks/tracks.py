@@ -4,8 +4,6 @@ A policy drives in a process of its own (`agents.policies.delegated`). Its resul
 episode, so that `verify` can drive some of them again.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

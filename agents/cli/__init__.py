@@ -6,8 +6,6 @@ that `--help` answers at once; the function of a command is imported when the co
 Exit codes: 0 done, 1 no result (such as no path), 2 wrong input, 130 stopped.
 """
 
-from __future__ import annotations
-
 import _thread
 import argparse
 import importlib

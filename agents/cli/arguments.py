@@ -1,7 +1,5 @@
 """Settings, environments, recordings and output from the arguments of commands."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

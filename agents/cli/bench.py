@@ -1,7 +1,5 @@
 """`wheelchair bench` and `warm-up`: speeds, a comparison of planners, and compiling it all once."""
 
-from __future__ import annotations
-
 import argparse
 import importlib.util
 import os

@@ -3,8 +3,6 @@
 Their options are declared in agents/data/commands.toml, as those of all commands.
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import importlib.util

@@ -1,7 +1,5 @@
 """`wheelchair simulate`, `drive`, `deploy`, `fit-driver`, `replay`: drives, and recorded ones."""
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import json

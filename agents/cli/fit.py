@@ -1,7 +1,5 @@
 """`wheelchair fit`, `replay --simulate`: settings from drives, and how well they predict drives."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Iterable, Mapping
 from pathlib import Path

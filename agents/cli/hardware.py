@@ -1,7 +1,5 @@
 """`wheelchair hardware`: tools for a real chair, and for its twin."""
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import json

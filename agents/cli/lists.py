@@ -1,7 +1,5 @@
 """`wheelchair scenes` and `wheelchair settings`: lists of scenes and of settings."""
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import dataclasses

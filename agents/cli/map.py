@@ -1,7 +1,5 @@
 """`wheelchair map` and `convert`: a map from a drive, a recording or a log, or from a file."""
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 from pathlib import Path

@@ -3,8 +3,6 @@
 Nothing here imports more than the standard library, so that `--help` answers at once.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """`wheelchair studio`, `participants` and `report`: people drive in the browser, and their data."""
 
-from __future__ import annotations
-
 import argparse
 from importlib.util import find_spec
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`wheelchair plan`: a path in a map, or in each problem of a file."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 import time

@@ -1,7 +1,5 @@
 """`wheelchair train`, `export`, `inspect` and `dataset`: runs, their weights, and data sets."""
 
-from __future__ import annotations
-
 import argparse
 import re
 import shlex

@@ -1,7 +1,5 @@
 """`wheelchair twin` and `robot`: a simulated chair behind its boards, or behind ROS 2's topics."""
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import os

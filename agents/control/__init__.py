@@ -1,7 +1,5 @@
 """Followers: from a path and what is around the chair to the next twist."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, Final
 

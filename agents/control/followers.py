@@ -6,8 +6,6 @@ one `Objective`. A new follower also needs a row of `FOLLOWERS` (`agents/control
 each period the policy (`agents/policies/planned.py`) moves `ReferencePath.at` by `advance`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import replace

@@ -9,8 +9,6 @@ an actor (people, pushed things); all else is a temporary obstacle (T1 3.2.2), a
 a door. Without a given map, all that does not move is static. Nothing here knows the truth.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable

@@ -5,8 +5,6 @@ path is a chain of poses with the distance s along it, where a radian of turning
 `TURN_LENGTH` metres.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

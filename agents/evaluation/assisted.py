@@ -9,8 +9,6 @@ a new one is a key of `PeopleTrace.figures` and a name in `metrics.SOCIAL_MEANS`
 after an episode.
 """
 
-from __future__ import annotations
-
 import math
 from itertools import product
 from typing import Any

@@ -3,8 +3,6 @@
 The report has tables, the winners of each scene, and a page with the answer.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import io
 import time

@@ -1,7 +1,5 @@
 """Episodes by seed, in parallel and resumable: an episode that is stored is not driven again."""
 
-from __future__ import annotations
-
 import inspect
 import re
 import sys

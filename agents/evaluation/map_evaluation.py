@@ -4,8 +4,6 @@ A map of a scene is compared with the true world. Without one, scans that are he
 are compared with it.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 import time

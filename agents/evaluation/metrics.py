@@ -6,8 +6,6 @@ smallest distance, min(front, rear, half width), from all that stands still. The
 disc of that radius to the goal's region is therefore no longer than any drive without a contact.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

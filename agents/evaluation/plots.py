@@ -1,7 +1,5 @@
 """Figures of an evaluation, as SVG: the same records give the same bytes."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Origin of a result: command, code, machine and versions; and atomic writing of files."""
 
-from __future__ import annotations
-
 import importlib.metadata
 import json
 import os

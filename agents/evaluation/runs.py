@@ -5,8 +5,6 @@ number of workers. A store is a file with one line of JSON for each run, written
 the runs end.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

@@ -4,8 +4,6 @@ A sample has strata (a map, a goal): {stratum: values (n,)}. Strata are fixed an
 means are over strata with equal weights.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

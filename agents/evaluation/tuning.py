@@ -5,8 +5,6 @@ The score of the best of many trials is biased upwards, so that it and the curre
 scored again on other episodes.
 """
 
-from __future__ import annotations
-
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence

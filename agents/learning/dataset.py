@@ -3,8 +3,6 @@
 They hold drives of a policy, or recorded drives: the simulator's, the studio's, a real chair's.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import sys

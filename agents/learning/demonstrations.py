@@ -7,8 +7,6 @@ drives and the expert labels each observation with its action. The resulting pol
 as it is, or be the `warm_start` of a training run.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import os
 from collections.abc import Iterator, Sequence

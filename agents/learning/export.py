@@ -1,7 +1,5 @@
 """Learned policies as ONNX: the graph maps sensor readings to a twist."""
 
-from __future__ import annotations
-
 import hashlib
 from pathlib import Path
 from typing import Any

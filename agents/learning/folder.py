@@ -6,8 +6,6 @@ last rows and a figure of all curves. Published weights have a model card: setti
 seeds, results, limits.
 """
 
-from __future__ import annotations
-
 import csv
 import hashlib
 import io

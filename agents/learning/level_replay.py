@@ -4,8 +4,6 @@ Each world, a level, has a score: how much is to be learned there. Levels are dr
 their score, and the longer ago they were drawn last, the more often.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -5,8 +5,6 @@ the checkpoint, and so do all random generators. A run that was killed and resum
 one that was not, bit for bit, on the same machine with the same number of threads.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import gc
 import json

@@ -1,7 +1,5 @@
 """The vector environment as stable-baselines3 expects it, and models that know their training."""
 
-from __future__ import annotations
-
 import json
 import re
 import time

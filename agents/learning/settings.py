@@ -1,7 +1,5 @@
 """Settings of a training run, all in one file."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, Literal
 

@@ -8,8 +8,6 @@ and `fit_driver` makes a simulated person like them. `protocol` is the plan of a
 participants, `session` runs it, `folder` keeps it, and `report` compares its conditions.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, Final
 

@@ -5,8 +5,6 @@ assistants (`wheelchair_gym.people.assistance`). Among these obstacles they find
 person may want to go: doors, things such as desks, and free directions.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Protocol

@@ -9,8 +9,6 @@ the stick was at its centre. The guard of a real chair asks `PersonsStick` every
 whatever the assistant does.
 """
 
-from __future__ import annotations
-
 import math
 import queue
 import threading

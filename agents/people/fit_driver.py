@@ -12,8 +12,6 @@ intervals by the bootstrap (Efron 1979) over prompts, or over stretches of a dri
 switches' median delay by binomial order statistics.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from types import SimpleNamespace

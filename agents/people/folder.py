@@ -6,8 +6,6 @@ never written again. The file is locked while it is open to be written: a partic
 writer. A deleted participant leaves a tombstone, so that the number is not used again.
 """
 
-from __future__ import annotations
-
 import errno
 import hashlib
 import json

@@ -1,7 +1,5 @@
 """The plan of an experiment with participants, as settings, and each participant's order."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any, Literal, NamedTuple
 

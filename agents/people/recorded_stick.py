@@ -6,8 +6,6 @@ nothing moves differently. People change their driving with what helps them
 lets a simulated person drive the same episode with several assistants.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple

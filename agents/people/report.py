@@ -4,8 +4,6 @@ The tables are long, wide, attempts, and their dictionary. Conditions are compar
 participants, groups between them.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence

@@ -5,8 +5,6 @@ have numbers and no names. No record is written again: after an interruption, a 
 with the first step that is not done. Every attempt at a drive is kept.
 """
 
-from __future__ import annotations
-
 import re
 import threading
 from collections.abc import Callable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Policies: what every one answers, and how one is made from a name or from settings."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import is_dataclass
 from difflib import get_close_matches

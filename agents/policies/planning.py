@@ -13,8 +13,6 @@ release Python's lock. In simulated time it is made at once, and taken when as m
 passed as the settings say that it takes: 0 s is within `ask` itself. Runs then repeat exactly.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 import threading

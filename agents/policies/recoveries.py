@@ -5,8 +5,6 @@
 has never seen (`Spin`), or plans around temporary obstacles (`DetourPolicy`).
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -7,8 +7,6 @@ Loading such a file runs code that the file contains (it holds pickled objects):
 that you trust. `wheelchair export` writes weights (.npz) that hold no code.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import sys
 import zipfile

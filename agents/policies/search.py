@@ -3,8 +3,6 @@
 A search is made at the widest clearance, in the maps that a chair may assume, one by one.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import NamedTuple

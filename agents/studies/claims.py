@@ -11,8 +11,6 @@ relative to those of RRT*. One number is free: the mean length of RRT*'s own pat
 maps, which table 3.1 prints, too.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -4,8 +4,6 @@ Times are CPU seconds of the process, measured after compilation: other work on 
 count. Keys that end in `_s` are times, the only ones in which equal runs differ.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Figures of the studies, in the style of the sources."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from itertools import product

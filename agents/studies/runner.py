@@ -1,7 +1,5 @@
 """All studies of agents/data/studies.yaml: their runs, tests of claims, and written files."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial

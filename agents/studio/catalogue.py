@@ -1,7 +1,5 @@
 """Choices of a person: places to drive in, assistants, and hands."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 

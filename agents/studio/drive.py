@@ -3,8 +3,6 @@
 The page Compare draws the course of an episode, driven or recorded; a recording becomes a film.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import re

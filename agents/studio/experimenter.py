@@ -3,8 +3,6 @@
 It has a token of its own, which opens nothing else; the participants' token does not open it.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 from contextlib import closing

@@ -5,8 +5,6 @@ stand in agents/data/messages.yaml; a message that does not fit is refused with 
 says why.
 """
 
-from __future__ import annotations
-
 import asyncio
 import json
 import logging

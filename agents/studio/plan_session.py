@@ -4,8 +4,6 @@ A person draws shapes over the cells of a map. A plan has figures, and shows how
 swarm grew.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import threading

@@ -6,8 +6,6 @@ only the person who started the program knows. The request rate is limited. A pa
 which ends with its socket.
 """
 
-from __future__ import annotations
-
 import asyncio
 import hmac
 import ipaddress

@@ -5,8 +5,6 @@ stick or a switch that is not confirmed for a moment counts as released; a page 
 the drive once the chair stands. Compare: two drives of one episode, or two recordings, in parallel.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import logging
 import os

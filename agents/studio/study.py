@@ -1,7 +1,5 @@
 """The session of the page Study: a participant's steps of an experiment, one after another."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 from pathlib import Path

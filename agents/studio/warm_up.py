@@ -4,8 +4,6 @@
 work with helper processes of its own (`compiled.second_process`).
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

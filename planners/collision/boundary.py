@@ -1,7 +1,5 @@
 """The boundary of free space: segments, their order, walks along it, and where lines meet it."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

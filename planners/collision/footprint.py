@@ -7,8 +7,6 @@ rectangle; either happens at an end of the stretch or in one of a few directions
 bottom: stretches, gaps at poses and along stretches on a map, and the base of planners of poses.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import NamedTuple

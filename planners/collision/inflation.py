@@ -10,8 +10,6 @@ there `solids.inflate` makes the region as a union of polygons, which takes 14 t
 Shapely's own buffer is no substitute: it comes up to 2e-7 m nearer to obstacles than the radius.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """The parts of a map's boundary near a position, and in the frame of a pose there."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ of buckets holds the segments near each cell, and whether its lower left corner 
 reads few segments.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

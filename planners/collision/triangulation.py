@@ -6,8 +6,6 @@ corners of the chain that it sees. Corners at one height come from left to right
 exact sign.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

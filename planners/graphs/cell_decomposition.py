@@ -5,8 +5,6 @@ segments, its floor and its ceiling, and between two vertical lines; it is conve
 two cells meet on such a line, even in one point.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components

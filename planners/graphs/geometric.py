@@ -1,7 +1,5 @@
 """The geometric method: a blocked straight line bends around a corner beside it, recursively."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import NamedTuple

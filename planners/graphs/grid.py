@@ -8,8 +8,6 @@ its ends included; the step is the resolution, halved up to `refinements` times 
 is found. A grid cannot prove that there is no path: failure is `exhausted`.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Literal, NamedTuple
 

@@ -3,8 +3,6 @@
 The list is a binary heap in arrays; the smallest key comes first, of equal keys the smallest item.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

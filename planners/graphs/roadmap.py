@@ -5,8 +5,6 @@ axis, as far from obstacles as possible. Cells use the same search (lazy A*: Boh
 2000): an edge that no short path needs is never tested.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

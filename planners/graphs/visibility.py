@@ -6,8 +6,6 @@ past other corners, the cone with the least bound first (after Polyanya: Cui, Ha
 Grastien 2017). Whether a corner lies in a cone is an exact sign, so what is found is the optimum.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import NamedTuple

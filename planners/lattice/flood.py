@@ -6,8 +6,6 @@ does not reach through cells that are not shut, no path reaches. The headings of
 the bits of a word.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ grid of its places, Dijkstra's algorithm from the goal counts the duration, incr
 farther than it is asked to.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -6,8 +6,6 @@ through the middle, at right angles to the gap. The search over poses reaches th
 lines, and the goal's, exactly.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -5,8 +5,6 @@ et al. 2010). Some poses, the anchors, are reached exactly: the goal, and those 
 places.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

@@ -4,8 +4,6 @@ Touching is allowed, so the walk of a bug is a free path. A bug that goes all th
 obstacle and finds no point to leave it proves that there is no path.
 """
 
-from __future__ import annotations
-
 import math
 from abc import abstractmethod
 from typing import Literal, NamedTuple

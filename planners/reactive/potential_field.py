@@ -1,7 +1,5 @@
 """The potential field: the goal attracts, obstacles repel, and each step is the lowest one."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -11,8 +11,6 @@ bottom: the cost of a particle, the maneuvers, algorithm 6 for one segment and f
 settings.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple

@@ -3,8 +3,6 @@
 From top to bottom: the cost of a whale, algorithm 4 as the function Steer of RRT*, and the planner.
 """
 
-from __future__ import annotations
-
 import math
 from functools import partial
 from typing import NamedTuple

@@ -5,8 +5,6 @@ population, algorithm 5, and the planner. A whale costs its weighted length and 
 (`LengthFree`), where the thesis has one term for all edges.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

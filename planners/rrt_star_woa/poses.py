@@ -6,8 +6,6 @@ and costs what connections through these poses cost. From top to bottom: the cos
 search of whales, the rounds, and the planner.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Final, NamedTuple

@@ -4,8 +4,6 @@ A command is a target twist for t seconds. The chair approaches it within its li
 and jerk.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

@@ -4,8 +4,6 @@ Trailing commas are allowed, as in the figure. `agents.studies.plan_pictures` ma
 pictures and films of the other keys.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping

@@ -13,8 +13,6 @@ and tell; they differ in what a whale means and costs:
     return whales.leader  # line 16
 """
 
-from __future__ import annotations
-
 import math
 from typing import Literal, NamedTuple
 

@@ -4,8 +4,6 @@ Every curve is a cubic Hermite interpolant of x and of y over knots; only its sl
 slopes of `hermite_path` are shortened until its curve is free.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Final, NamedTuple
 

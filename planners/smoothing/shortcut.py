@@ -1,7 +1,5 @@
 """The cost of a path near obstacles, and shortcuts that lower it."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -5,8 +5,6 @@ the personal best of a particle, a food source of bees, or a firefly. The optimi
 end; `planners.registries.OPTIMIZERS` names them.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, ClassVar, Final, Literal, NamedTuple
 

@@ -4,8 +4,6 @@
 the tests of its source, sound or not.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

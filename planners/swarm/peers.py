@@ -1,7 +1,5 @@
 """Optimizers of the library mealpy in the planner `swarm`, with our path costs and exact tests."""
 
-from __future__ import annotations
-
 import contextlib
 import importlib
 import importlib.util

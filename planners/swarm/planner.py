@@ -3,8 +3,6 @@
 P1's planner `rrt_woa` is one of its settings.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Final, Literal

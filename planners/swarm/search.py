@@ -4,8 +4,6 @@ A population begins around a path, along it or anywhere. Any optimizer moves it,
 rates it.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Final, NamedTuple

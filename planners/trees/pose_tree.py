@@ -5,8 +5,6 @@ turns in place, drives arcs and backs; what the footprint sweeps is tested exact
 time, increased near obstacles.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, Final, NamedTuple
 

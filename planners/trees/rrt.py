@@ -5,8 +5,6 @@ to the goal; the search itself, in chunks of iterations between which the clock 
 planners. Each planner has its own loop. The planners of `rrt_star` take the same steps.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from functools import partial

@@ -6,8 +6,6 @@ sample near its vertices, the beacons; and spline-RRT*, which executes its path 
 Informed RRT* is made quick by steps of other planners.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from functools import partial

@@ -4,8 +4,6 @@ The grid answers 'nearest' and 'within a radius'. As the tree grows, its cells a
 there are six nodes per cell on average.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

@@ -5,8 +5,6 @@ Each function gives where a person wants to go and how fast; a motion model (`or
 their own speed. `docs/concepts/people.md` has a table of all that people do, with sources.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

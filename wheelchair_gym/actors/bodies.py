@@ -8,8 +8,6 @@ somebody pushes them. Doors and obstacles are moved at will, of infinite mass: s
 before it would touch anything, and no obstacle appears near the chair.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """When doors open and obstacles appear, and what holds a leaf."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -5,8 +5,6 @@ programs: de Berg et al. 2008, chapter 4. A line (x, y, dx, dy) allows the veloc
 `pace`: maximum speed; `far`: seek the velocity farthest along (ox, oy), not the nearest to it.
 """
 
-from __future__ import annotations
-
 import math
 
 from wheelchair_gym.base.arrays import Array

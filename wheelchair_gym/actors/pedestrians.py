@@ -9,8 +9,6 @@ A person who touches the chair stops there. One who does not get on for a while 
 that no doorway stays jammed.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -4,8 +4,6 @@ An actor is a record of ACTOR; the routes of people stand in one table beside it
 moves them, and sensors see their discs and segments.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from typing import Any, Final, NamedTuple

@@ -7,8 +7,6 @@ once it has touched nothing for longer than Munk2D remembers a contact. All othe
 arithmetic without the Space.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, Final
 

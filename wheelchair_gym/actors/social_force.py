@@ -6,8 +6,6 @@ and Vicsek 2000 without the contact forces, which are Munk2D's. No force is grea
 and nobody is faster than their own speed.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The error of wrong input, and how messages show a value."""
 
-from __future__ import annotations
-
 import re
 import reprlib
 from collections.abc import Iterator

@@ -3,8 +3,6 @@
 Every reader of the project opens its file here. A limit is checked before memory is asked for.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

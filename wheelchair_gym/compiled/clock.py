@@ -3,8 +3,6 @@
 By it, a planner's first call in a process has as much time as all others.
 """
 
-from __future__ import annotations
-
 import contextlib
 import threading
 from collections.abc import Iterator

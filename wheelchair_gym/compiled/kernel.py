@@ -5,8 +5,6 @@ copy of a kernel that it calls in another. Here the stamp covers all kernels and
 function's file imports, and what those depend on.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable, Iterable
 from functools import cache

@@ -14,8 +14,6 @@ an LLVM engine of their own, so that other users of numba in the process see no 
 # numba has few types.
 # mypy: disable-error-code="no-untyped-call, attr-defined, override"
 
-from __future__ import annotations
-
 import contextlib
 import gc
 import pickle

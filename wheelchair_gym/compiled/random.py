@@ -6,8 +6,6 @@ another, and a `NumpyStream` the very numbers that its numpy generator would giv
 random state is global and hidden; here the state is an argument like any other.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, Literal, NamedTuple
 

@@ -7,8 +7,6 @@ together share the work. Locks are taken in the order of calls, which has no cyc
 their process.
 """
 
-from __future__ import annotations
-
 import atexit
 import contextlib
 import os

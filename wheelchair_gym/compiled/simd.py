@@ -1,7 +1,5 @@
 """Many beams at once against one line, as vectors; and the bits of numbers, for loops over them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, cast
 

@@ -1,7 +1,5 @@
 """The loop over chairs, one or many: drive, sense, assess, observe and reset, without Python."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

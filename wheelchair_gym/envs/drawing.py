@@ -1,7 +1,5 @@
 """Drawing: an environment's episode from above, as a picture or in a window."""
 
-from __future__ import annotations
-
 from array import array
 from typing import TYPE_CHECKING, Any
 

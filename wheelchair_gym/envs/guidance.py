@@ -1,7 +1,5 @@
 """Guidance: what the setting of that name means, and the two that are built in."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import partial
 from inspect import signature

@@ -1,7 +1,5 @@
 """The navigation environment: a chair, a task, and the loop between them."""
 
-from __future__ import annotations
-
 import dataclasses
 import io
 import secrets

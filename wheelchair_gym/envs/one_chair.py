@@ -1,7 +1,5 @@
 """The loop over one simulated chair: that over many, of one row, and the info that it gives."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from functools import partial
 from operator import itemgetter

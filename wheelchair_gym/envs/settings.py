@@ -1,7 +1,5 @@
 """Settings of an environment, and how they follow from arguments."""
 
-from __future__ import annotations
-
 import dataclasses
 import warnings
 from collections.abc import Mapping, Sequence

@@ -3,8 +3,6 @@
 Returned arrays are never overwritten while a caller holds them (`results`).
 """
 
-from __future__ import annotations
-
 import math
 import secrets
 from collections.abc import Mapping, Sequence

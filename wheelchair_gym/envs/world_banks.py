@@ -6,8 +6,6 @@ at k x turnover, by a hash of s and k. So what is driven depends neither on time
 nor on other environments. A world is made when first drawn; a folder may keep it for later runs.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

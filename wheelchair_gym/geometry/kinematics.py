@@ -4,8 +4,6 @@ A differential drive: v = (v_R + v_L) / 2 and w = (v_R - v_L) / track.
 A twist is (v, w) [m/s, rad/s].
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable

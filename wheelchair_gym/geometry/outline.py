@@ -1,7 +1,5 @@
 """The footprint, and its distances and overlaps."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -4,8 +4,6 @@ Frames follow REP-103: x forward, y left, angles counter-clockwise [rad]; length
 Scalar kernels serve compiled loops; functions on arrays accept any batch axes.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -8,8 +8,6 @@ The guard sends and receives at its own rate, whatever the policy does. The driv
 itself when commands stay away; only a person can re-arm it.
 """
 
-from __future__ import annotations
-
 import contextlib
 import logging
 import math

@@ -1,7 +1,5 @@
 """Connections that are opened again when they are lost, and the age of received messages."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 from collections.abc import Callable

@@ -3,8 +3,6 @@
 Time is an argument: real time, or that of a simulated world, in which nothing waits.
 """
 
-from __future__ import annotations
-
 import atexit
 import contextlib
 import logging

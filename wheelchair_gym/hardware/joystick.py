@@ -8,8 +8,6 @@ A joystick that is unplugged while it has control keeps the chair standing. A wi
 repeats its last values hides the loss of its radio: use one at the drive board's receiver instead.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

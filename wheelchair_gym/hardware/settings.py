@@ -1,7 +1,5 @@
 """Settings of the real chair: where its boards and its laser are, and how old data may be."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from wheelchair_gym.base.settings import InputError, setting, settings

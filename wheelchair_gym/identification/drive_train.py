@@ -15,8 +15,6 @@ Systems, Transactions ASME 79). So speeds and accelerations are never difference
 equation of a window is linear in the unknowns, and only travel and voltage enter.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A drive that shows wheels, motors and scanner: both ways, at all speeds, in 4 m x 4 m."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any, Final
 

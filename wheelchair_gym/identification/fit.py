@@ -5,8 +5,6 @@ then the drive train (`drive_train`). Nothing is guessed: a value that a log doe
 value of the config, and the findings say so.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Sequence

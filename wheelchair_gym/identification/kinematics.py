@@ -11,8 +11,6 @@ that are sought and the walls, so that drift between blocks does no harm, and so
 come from drawing blocks again (block bootstrap).
 """
 
-from __future__ import annotations
-
 from typing import Final, NamedTuple
 
 import numpy as np

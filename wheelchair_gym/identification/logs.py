@@ -1,7 +1,5 @@
 """Logs of drives, as identification takes them: recordings, ROS 2 bags, BreezySLAM's files."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 from typing import Any, NamedTuple

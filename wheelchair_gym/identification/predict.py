@@ -4,8 +4,6 @@ The reference is the path of the drive's own wheels by the values that `kinemati
 drive, and its scans; no setting of the simulated chair enters it.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Sequence

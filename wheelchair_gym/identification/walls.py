@@ -4,8 +4,6 @@ A wall is a line n . p = d, whose normal n = (cos a, sin a) points to the side i
 an interval along the line.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -4,8 +4,6 @@ Distances are exact, to the squares of solid cells. For its clearance the outlin
 discs.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

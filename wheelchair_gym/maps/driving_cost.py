@@ -3,8 +3,6 @@
 The planner `lattice` and the cost-to-go of the outline share it.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -9,8 +9,6 @@ in Anya (Harabor et al. 2016), and ends where no path becomes shorter.
 Coordinates in kernels are in cells from the centre of cell (0, 0): x along columns, y along rows.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import NamedTuple

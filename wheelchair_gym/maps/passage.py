@@ -1,7 +1,5 @@
 """Width: of passages from start to goal, for discs and footprints; and floor that is open."""
 
-from __future__ import annotations
-
 from bisect import bisect_left
 
 import cv2

@@ -6,8 +6,6 @@ distances from each point to the line through its two neighbours of the remember
 motion by dead reckoning as a prior (point to line: Chen and Medioni 1992).
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -5,8 +5,6 @@ a place where something was seen a while ago is static, as is what a map shows. 
 form clusters. A narrow cluster is dropped if it is static; of a wide one, static hits are cut out.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

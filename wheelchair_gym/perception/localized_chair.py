@@ -1,7 +1,5 @@
 """A chair whose pose comes from a localizer instead of dead reckoning."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Protocol
 

@@ -5,8 +5,6 @@ A line holds the time [us], the ticks of the left and right wheel in columns 2 a
 ParisTech) carries a URG-04LX.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Mapping

@@ -11,8 +11,6 @@ Every draw is by counter (`wheelchair_gym.compiled.random`): an estimate depends
 what the chair measured, on nothing else.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

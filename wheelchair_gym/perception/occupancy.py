@@ -10,8 +10,6 @@ Kernels work in cells from the lower-left corner of cell (0, 0). At the end: fro
 known part of a map ends, and the wall that a scan shows ahead.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

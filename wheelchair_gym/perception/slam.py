@@ -14,8 +14,6 @@ field is M costs (1 - M)^2 / (2 spread^2); and both accept a Gaussian prior abou
 work in cells; a symmetric matrix is its six numbers xx, xy, xt, yy, yt, tt.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -4,8 +4,6 @@ All coordinates are in the frame of dead reckoning, in which near things keep th
 localization corrects. The state has a fixed size, so that a row of a batch can hold it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Final
 

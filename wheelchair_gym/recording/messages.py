@@ -5,8 +5,6 @@ laser, ultrasonic_0, ...; the pose source sets the first transform, odometry cha
 the mounts are static.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache

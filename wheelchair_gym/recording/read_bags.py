@@ -4,8 +4,6 @@ Files are read within the limits of recordings. Only standard messages are read,
 are the same in every distribution; those in the bag are not used.
 """
 
-from __future__ import annotations
-
 import io
 import logging
 import math

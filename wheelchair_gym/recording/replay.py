@@ -1,7 +1,5 @@
 """Replays a recording as a chair that returns recorded readings, judged by the same loop."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterable
 from pathlib import Path

@@ -3,8 +3,6 @@
 A format is a name in `Format`, a writer in `Sink`, and a choice of --format in `commands.toml`.
 """
 
-from __future__ import annotations
-
 import contextlib
 import itertools
 import json

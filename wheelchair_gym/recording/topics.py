@@ -3,8 +3,6 @@
 Readers raise KeyError for a missing field, and ValueError for one that is malformed.
 """
 
-from __future__ import annotations
-
 import base64
 import math
 import sys

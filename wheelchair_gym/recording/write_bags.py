@@ -4,8 +4,6 @@ The bag holds what a robot publishes, and, as text in std_msgs/String, what `whe
 needs. The metadata is version 8, which every distribution from Humble on reads.
 """
 
-from __future__ import annotations
-
 import contextlib
 import itertools
 import logging

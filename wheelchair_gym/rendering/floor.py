@@ -1,7 +1,5 @@
 """Static parts of a picture: bounds, floor, map, solids, goal and start, caption strip."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

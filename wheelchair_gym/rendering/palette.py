@@ -3,8 +3,6 @@
 The hues of light pictures are those of Okabe and Ito, distinct for colour-blind readers.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Top views: a chair in its world and all that moves there; maps side by side; plans; legends."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

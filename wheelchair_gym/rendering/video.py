@@ -1,7 +1,5 @@
 """Outputs of pictures: picture and video files, written atomically, and a window."""
 
-from __future__ import annotations
-
 import math
 import os
 import sys

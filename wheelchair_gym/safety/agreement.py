@@ -14,8 +14,6 @@ Key points at which beams lose their echo are remembered: no echo is no evidence
 `faults.py` calls `disagrees` and raises the fault. Frozen and blind scans are checked there.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

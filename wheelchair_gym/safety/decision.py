@@ -1,7 +1,5 @@
 """Decides how much of a twist may be driven: predicted trajectories that end at rest."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

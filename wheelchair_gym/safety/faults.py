@@ -10,8 +10,6 @@ is lost stay obstacles as those of the first scanner do. A scanner that shows wh
 been seen, and what enters such space moves.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The grid around the chair: when each cell was last seen, and when it was last found empty."""
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

@@ -5,8 +5,6 @@ hit, and arcs hold the echoes that only ultrasonics have measured. `update` take
 further scanners show is in `safety.faults`.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

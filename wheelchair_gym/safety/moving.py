@@ -6,8 +6,6 @@ by that acceleration at most, since they were seen last. What no single confirme
 explains has the first bound alone.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

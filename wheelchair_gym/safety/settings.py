@@ -1,7 +1,5 @@
 """Settings of the shield: clearances, memory, expected motion of people, stale data."""
 
-from __future__ import annotations
-
 from wheelchair_gym.base.settings import setting, settings
 
 

@@ -10,8 +10,6 @@ clear of every place that moving objects may reach by then. (After nav2's collis
 zone, slow zone, approach; silent sensors count as obstacles.)
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

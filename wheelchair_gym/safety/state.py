@@ -5,8 +5,6 @@ that moves with the chair and holds when each cell was last seen. All coordinate
 of uncorrected dead reckoning, so that near objects keep their place.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, Final, NamedTuple
 

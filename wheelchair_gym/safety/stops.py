@@ -7,8 +7,6 @@ The shield (its faults), the hardware chair, the log of a deployed policy and th
 `stops.yaml`. `StopMonitor` tracks all active stops: a chair goes on when none is left.
 """
 
-from __future__ import annotations
-
 import enum
 import re
 from collections.abc import Iterable

@@ -1,7 +1,5 @@
 """Scenes: settings that draw worlds, each a pure function of a random generator."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, Final, Protocol
 

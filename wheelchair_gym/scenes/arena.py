@@ -4,8 +4,6 @@ The empty room, a corridor of random cylinders (as in BARN), and a door in the s
 and for all scenes: tables of worlds, and what stands free and passes.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """BARN's worlds of cylinders: read from a JSON file, or drawn as the benchmark drew its own."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import replace

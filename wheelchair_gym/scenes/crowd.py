@@ -1,7 +1,5 @@
 """Scenes in which something moves: people, powered doors, light furniture, sudden obstacles."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import ClassVar, Literal

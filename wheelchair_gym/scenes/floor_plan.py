@@ -1,7 +1,5 @@
 """Homes and clinics, drawn at random."""
 
-from __future__ import annotations
-
 import math
 from typing import Any, Literal, NamedTuple
 

@@ -6,8 +6,6 @@ by a cross corridor. Everything is laid out with corridors along x, then perhaps
 Furniture is placed so that the chair can still pass.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Final, NamedTuple
 

@@ -1,7 +1,5 @@
 """A map file as a scene, and the small clinic that comes with the package."""
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 from importlib import resources

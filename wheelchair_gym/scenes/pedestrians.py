@@ -5,8 +5,6 @@ start and goal, and where people walk. A new passage is a name in `PassageName` 
 `PASSAGES`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Final, Literal, NamedTuple

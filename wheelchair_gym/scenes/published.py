@@ -11,8 +11,6 @@ on RRT smoothed by whales has one, an engineering design lab, with two pairs of 
 obstacles inflated by 0.4 m. Verdicts on these maps can be on orders only, never on lengths.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, Final, Literal
 

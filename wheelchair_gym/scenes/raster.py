@@ -1,7 +1,5 @@
 """Drawing on a 5 cm raster: rectangles of cells, rotated rectangles, discs."""
 
-from __future__ import annotations
-
 import math
 from typing import Final
 

@@ -10,8 +10,6 @@ Assessment (Dawson et al. 1994); PCDA, Power-Mobility Community Driving Assessme
 skills, and few dimensions: those are design choices, except the ones of a standard that is named.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any, Final, NamedTuple

@@ -1,7 +1,5 @@
 """Statistics of the worlds that a scene draws: doors, corridors, density, bottlenecks."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any
 

@@ -3,8 +3,6 @@
 It holds an arc tangent that vectorises.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

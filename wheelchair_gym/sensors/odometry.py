@@ -4,8 +4,6 @@ Systematic errors come from the chair itself: its wheels and track differ from w
 to be. What is added here grows with the way: variance in proportion to each wheel's distance.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -8,8 +8,6 @@ by distance in vectors of float32, and only the few at the front are looked at e
 until one is heard.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The simulated chair: one world, one state, driven and sensed by the kernels."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

@@ -6,8 +6,6 @@ and drives again what was driven since the reset, without sensing: the same inpu
 functions. That costs a few microseconds for each control period of the episode.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -11,8 +11,6 @@ A contact with an actor is judged when it begins and again after each second tha
 a chair that was bumped into has long been able to stop.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, Final
 

@@ -7,8 +7,6 @@ a step (leapfrog): the velocity after a step points along the heading in the mid
 so an arc is driven to second order.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

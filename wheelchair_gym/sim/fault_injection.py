@@ -1,7 +1,5 @@
 """Sensors that fail: what readings hold from then on. The truth does not change."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

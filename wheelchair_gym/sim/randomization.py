@@ -5,8 +5,6 @@ depend on each other. Draws depend on the episode's key alone, so that a row of 
 environment draws as the single environment does.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping
 from typing import Any, Final, Literal, get_args

@@ -1,7 +1,5 @@
 """Settings of the chair's body, motors and battery, and of the physics that moves them."""
 
-from __future__ import annotations
-
 from wheelchair_gym.base.settings import InputError, Range, setting, settings
 from wheelchair_gym.engine import GRAVITY
 from wheelchair_gym.geometry.kinematics import DriveGeometry, Limits

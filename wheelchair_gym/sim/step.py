@@ -3,8 +3,6 @@
 A batch of chairs loops over it.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The task: observe and judge, pure functions of readings; rewards are named terms."""
 
-from __future__ import annotations
-
 from wheelchair_gym.task.rewards import TERMS, RewardWeights
 from wheelchair_gym.task.settings import TaskSettings
 from wheelchair_gym.task.task import Guidance, Observation, Task

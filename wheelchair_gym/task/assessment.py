@@ -1,7 +1,5 @@
 """Assessment: observation of a reading, reward of the step to it, and the records of both."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

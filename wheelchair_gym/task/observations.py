@@ -5,8 +5,6 @@ observation, a network's scale, the environment's documentation and the vector e
 from the row.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple

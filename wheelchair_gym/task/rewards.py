@@ -13,8 +13,6 @@ float` is called after each step with
 The vector environment compiles it with numba, so there it may use numbers, arrays and `math` only.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable

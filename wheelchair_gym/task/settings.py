@@ -1,7 +1,5 @@
 """Settings of the task: what is observed, when it ends, what is rewarded."""
 
-from __future__ import annotations
-
 import math
 
 from wheelchair_gym.base.settings import setting, settings

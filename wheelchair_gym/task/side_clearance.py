@@ -1,7 +1,5 @@
 """Side clearances: how far the chair's outline is from what a scan shows, and could move aside."""
 
-from __future__ import annotations
-
 import math
 from functools import cache
 

@@ -1,7 +1,5 @@
 """The live task of an environment: how its steps are observed and judged."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, cast

@@ -1,7 +1,5 @@
 """A serial line to one board: frames out and in, reopened when it was lost."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Serial ports: opened exclusively, with an explanation and advice where one cannot be opened."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import os

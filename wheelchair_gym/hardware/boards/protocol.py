@@ -4,8 +4,6 @@ A frame is COBS(version, kind, sequence, payload, CRC-32), ended by a zero byte.
 units; the step of each number on the wire is in its layout.
 """
 
-from __future__ import annotations
-
 import enum
 import math
 import struct

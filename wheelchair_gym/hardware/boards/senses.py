@@ -1,7 +1,5 @@
 """Newest data of boards and laser, what is missing, and odometry extrapolated to any instant."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Callable

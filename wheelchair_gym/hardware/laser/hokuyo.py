@@ -1,7 +1,5 @@
 """A Hokuyo laser at a TCP port or a serial line, which is reopened when it is silent."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 import os

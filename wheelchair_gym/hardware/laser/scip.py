@@ -5,8 +5,6 @@ at most 64 characters with a checksum each, and an empty line (Hokuyo, 'Communic
 Specification for SCIP 2.0 Standard').
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -11,8 +11,6 @@ and zero is sent whenever the program ends. No program here can stop a chair who
 chair's own computer must stop it when no command comes.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 

@@ -8,8 +8,6 @@ Names of topics and types, and the node's entry in ros_discovery_info, are as ev
 carries the number of a request in another place.
 """
 
-from __future__ import annotations
-
 import logging
 import re
 import socket

@@ -6,8 +6,6 @@ are those of REP-105: map -> odom -> base_link -> laser, ultrasonic_0, ...
 Add a topic to `TOPICS`, which bags use, too, and to `connect` and `_publish` in agents/robot.py.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping

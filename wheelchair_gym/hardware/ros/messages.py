@@ -4,8 +4,6 @@ Every function raises KeyError, TypeError or ValueError where a message is malfo
 text says what was expected.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any

@@ -14,8 +14,6 @@ As rosbridge_server does, it sends null for NaN and +inf. Of -inf, a range too n
 range below every `range_min`, so that no client takes an obstacle for free space.
 """
 
-from __future__ import annotations
-
 import hmac
 import json
 import logging

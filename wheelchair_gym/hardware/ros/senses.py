@@ -1,7 +1,5 @@
 """Data of a chair under ROS: the newest message of each topic, what is missing, simulated time."""
 
-from __future__ import annotations
-
 import logging
 import math
 import threading

@@ -1,7 +1,5 @@
 """Settings of a chair that runs under ROS, and of the rosbridge connection to it."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 from wheelchair_gym.base.settings import InputError, setting, settings

@@ -1,7 +1,5 @@
 """A technician's diagnostics: which parts answer, how often, how late, and where they look."""
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Callable, Iterator

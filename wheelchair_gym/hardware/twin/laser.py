@@ -1,7 +1,5 @@
 """The twin's laser: a Hokuyo that answers SCIP requests with scans of the simulated world."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Callable

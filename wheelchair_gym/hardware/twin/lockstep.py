@@ -4,8 +4,6 @@ The boards' registers at the start of a step drive its physics. The results reac
 next step: encoder edges at their exact cycles, voltages and switches at its start.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from dataclasses import dataclass, field

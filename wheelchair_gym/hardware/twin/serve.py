@@ -4,8 +4,6 @@ Any program for the real chair can use it unchanged. Typed lines inject faults: 
 and cases of `_inject`.
 """
 
-from __future__ import annotations
-
 import contextlib
 import math
 import os

@@ -1,7 +1,5 @@
 """Map files, one module for each format; any of them, by the ending of its name."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple

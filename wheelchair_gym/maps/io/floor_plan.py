@@ -13,8 +13,6 @@ corners in order, `bbox` their least and greatest coordinates, `room_category` t
 kind (Li et al. 2019, HouseExpo: a large-scale 2D indoor layout dataset).
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Mapping
 from pathlib import Path

@@ -15,8 +15,6 @@ swamp, all free; '@' and 'O' are out of bounds, 'T' trees and 'W' water, all sol
 a cell is one metre if not told (Sturtevant 2012, Benchmarks for grid-based pathfinding).
 """
 
-from __future__ import annotations
-
 import io
 import math
 import re

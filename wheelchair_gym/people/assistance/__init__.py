@@ -5,8 +5,6 @@ One compiled function steps them for the policy `assisted`, for an environment w
 which knows these, too.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, Final
 

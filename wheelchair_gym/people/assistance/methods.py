@@ -32,8 +32,6 @@ twist, its projection on a constraint, or where two constraints meet. Constraint
 one by one, the most violated one first, until none is violated.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

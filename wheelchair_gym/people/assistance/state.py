@@ -6,8 +6,6 @@ that shrinks with the stick's deflection. So a centred stick asks for rest, at o
 assistant. A stick that is pulled back asks for a slow speed at most, whatever its deflection.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any

@@ -4,8 +4,6 @@ A method is a function (p, a) -> twist of the constants p, a record of CONSTANTS
 record of ASSISTANT: its obstacles, the stick's twist, the margin to keep and the freedom to turn.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, Final
 

@@ -4,8 +4,6 @@ For each name in `named.yaml` there is a function here that gives a `Driver`. Th
 file are those in which a person differs from `Driver()`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final

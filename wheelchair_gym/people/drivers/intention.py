@@ -6,8 +6,6 @@ arc, and takes the one that costs least: time to go from the arc's end, obstacle
 the change of the signal.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -6,8 +6,6 @@ single switch stops (`wheelchair_gym.people.drivers.step`); and between the worl
 eyes: what is not shown, so that nobody can see it.
 """
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any, Final
 

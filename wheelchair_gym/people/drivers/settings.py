@@ -3,8 +3,6 @@
 Sources that end in "assumed" are values that no publication was found for.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any, Final, Literal

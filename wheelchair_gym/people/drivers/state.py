@@ -4,8 +4,6 @@ Both are pure numbers: they hold no address, and DRIVERS those of their rows. Ba
 single environment hold the same rows (`Drivers`), and step them by the same compiled function.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

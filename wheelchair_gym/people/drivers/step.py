@@ -6,8 +6,6 @@ the sampling aliases as in a real chair. Switches, scanning and a brain-computer
 of a few signals, late and sometimes a wrong one.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any
