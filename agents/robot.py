@@ -8,8 +8,6 @@
 that commands it like every other policy.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 import threading
@@ -271,7 +269,7 @@ class RosClient:
     speed: float = setting(default=0.0, low=0.0, high=100.0)
     """Simulated time, times real time, published on /clock; 0: real time, and no /clock."""
 
-    def make(self) -> ClientDriver:
+    def make(self) -> "ClientDriver":
         """The policy, whose program stays connected from drive to drive of this process."""
         return _driver(self.port, self.speed)
 

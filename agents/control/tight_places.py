@@ -5,8 +5,6 @@ all that there is beside the chair. There `ManoeuvreTracker` drives the planned 
 one stretch (ahead, in reverse, a turn in place) after another; a follower drives everywhere else.
 """
 
-from __future__ import annotations
-
 import math
 from typing import TYPE_CHECKING
 
@@ -57,14 +55,14 @@ class ManoeuvreTracker:
         margin: clearance [m] that the outline keeps where it can.
     """
 
-    def __init__(self, follower: Follower, margin: float) -> None:
+    def __init__(self, follower: "Follower", margin: float) -> None:
         self._follower, self._margin = follower, margin
         self._of: ReferencePath | None = None  # what the next three are of
         self._rows = np.empty((0, 4))  # with headings that do not jump
         self._kinds = np.empty(0)  # (n - 1,) of steps from row to row: 1 ahead, -1 back, 0 turn
         self._turns = np.empty(0, np.bool_)  # (n - 1,) steps that are turns, or lead back
 
-    def twist(self, now: Situation) -> Array | None:
+    def twist(self, now: "Situation") -> Array | None:
         """See `Follower.twist`."""
         reference = now.reference
         reference.held = None
@@ -87,7 +85,7 @@ class ManoeuvreTracker:
         self._turns = np.abs(steps[:, YAW]) > TURNING * steps[:, S]
         self._turns |= self._kinds < 0.0
 
-    def _tracked(self, now: Situation) -> Array | None:
+    def _tracked(self, now: "Situation") -> Array | None:
         """The twist (2,) that tracks the plan; None where nothing is tight, or it is not clear."""
         local_map, reference, _ = now
         actors = local_map.actors
@@ -117,7 +115,7 @@ class ManoeuvreTracker:
             return None
         return now.first_clear(((share * v, share * w) for share in SHARES), self._margin, HELD)
 
-    def _way_to_tight_turn(self, now: Situation) -> float | None:
+    def _way_to_tight_turn(self, now: "Situation") -> float | None:
         """Distance [m] along the path to the first turn; None where there is no tight one near."""
         local_map, reference, _ = now
         way, rows = reference.way, reference.rows
@@ -166,7 +164,7 @@ class ManoeuvreTracker:
         way = math.hypot(step[X], step[Y]) * self._kinds[k]
         return float(step[YAW] / way) if self._kinds[k] else 0.0
 
-    def _turn(self, now: Situation, end: int, left: float) -> tuple[float, float]:
+    def _turn(self, now: "Situation", end: int, left: float) -> tuple[float, float]:
         """The twist that turns in place, so far [rad], and keeps the place."""
         pose, body = now.local_map.pose, now.chair.body
         row = self._rows[end]
@@ -177,7 +175,7 @@ class ManoeuvreTracker:
         return float(np.clip(KEEP * ahead, -KEEP_SPEED, KEEP_SPEED)), w
 
     def _drive(
-        self, now: Situation, row: int, end: int, side: float, turned: float, left: float,
+        self, now: "Situation", row: int, end: int, side: float, turned: float, left: float,
         to_turn: float,
     ) -> tuple[float, float]:  # fmt: skip
         """The twist along a stretch that is not a turn in place."""

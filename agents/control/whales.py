@@ -5,8 +5,6 @@ A particle is a list of commands and how many of them count (thesis, section 2.9
 the whole fan of `window`, the plan's own commands and the best ones of the period before.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -26,7 +24,7 @@ COMMANDS = 3  # in a particle, at most
 SIZE = 3 * COMMANDS + 1  # (v, w, t) of each, then how many count
 
 
-def _bounds(config: RefinedWindow, now: followers.Situation, slow: bool) -> tuple[Array, Array]:
+def _bounds(config: "RefinedWindow", now: followers.Situation, slow: bool) -> tuple[Array, Array]:
     """Bounds (SIZE,) of a particle's values."""
     limits, horizon = now.chair.limits, config.objective.horizon
     back = 0.0 if now.local_map.blind else min(followers.BACKWARD, limits.backward)
@@ -84,7 +82,7 @@ def search(
 class WhaleCommands:
     """Carries the best commands from one period to the next."""
 
-    def __init__(self, config: RefinedWindow) -> None:
+    def __init__(self, config: "RefinedWindow") -> None:
         self.config, self._objective = config, record_of(config.objective)
         self._state = stream(np.random.default_rng(0))  # anew for every path
         self._best: Array | None = None  # (SIZE,)
@@ -162,7 +160,7 @@ def plan_commands(rows: Array, limits: Limits, horizon: float) -> Array:
     return found
 
 
-def _fan_and_plan(config: RefinedWindow, now: followers.Situation, best: Array | None) -> Array:
+def _fan_and_plan(config: "RefinedWindow", now: followers.Situation, best: Array | None) -> Array:
     """Particles (n, SIZE): the fan, the plan's commands, and what was best or is driven."""
     view, chair, horizon = now.view, now.chair, config.objective.horizon
     fan = now.local_map.limit_for_unseen_space(config.fan(chair), chair.body.state)

@@ -1,7 +1,5 @@
 """Tables of results, the same as Markdown, HTML and CSV, and the pages that hold them (Jinja2)."""
 
-from __future__ import annotations
-
 import base64
 import csv
 import io
@@ -52,7 +50,7 @@ class Column(NamedTuple):
         low, high = (self.text(row[f"{self.key}_{end}"]) for end in ("low", "high"))
         return f"{low}{' to ' if '-' in low + high else '-'}{high}"
 
-    def cell(self, row: Row) -> Cell:
+    def cell(self, row: Row) -> "Cell":
         """The cell of a row; a dash where the row has no such figure."""
         value = row.get(self.key)
         if self.unit is None:
@@ -171,7 +169,7 @@ def csv_table(rows: Sequence[Row], columns: Iterable[str] = ()) -> str:
 
 
 @cache
-def templates() -> jinja2.Environment:
+def templates() -> "jinja2.Environment":
     """The environment of the templates in agents/templates; values in HTML are escaped."""
     import jinja2  # loaded only for pages
 

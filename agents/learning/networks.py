@@ -11,8 +11,6 @@ What differs is where the work of its collection is done:
 - Hidden layers may be computed in bfloat16 (`AsymmetricPolicy.in_bfloat16`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Generator
 from typing import Any
 
@@ -41,7 +39,7 @@ class FeaturesExtractor(BaseFeaturesExtractor):
     """Features of a flat observation: the actor's, the critic's own, and a teacher's action."""
 
     def __init__(
-        self, space: gym.Space[Any], layout: Layout, teacher: Teacher | None = None
+        self, space: gym.Space[Any], layout: Layout, teacher: "Teacher | None" = None
     ) -> None:
         taught = 0 if teacher is None else 2
         super().__init__(space, layout.actor_size + layout.privileged_size + taught)
@@ -168,7 +166,7 @@ class AsymmetricPolicy(ActorCriticPolicy):
 
 
 def make_model(
-    config: Training, seed: int, env: SB3VecEnv, layout: Layout, teacher: Teacher | None = None
+    config: Training, seed: int, env: SB3VecEnv, layout: Layout, teacher: "Teacher | None" = None
 ) -> Any:
     """Make a new model, whose learning rate decreases linearly over the run.
 

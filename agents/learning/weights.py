@@ -3,8 +3,6 @@
 The features that a network gets have one definition, for training, driving and export.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json
@@ -14,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,12 +41,12 @@ class Layout:
     path_has_heading: bool  # the path holds poses, not points
 
     @classmethod
-    def of_task(cls, task: Any) -> Layout:
+    def of_task(cls, task: Any) -> Self:
         """The layout of a task's observations."""
         return cls(tuple((key, box.shape[0]) for key, box in task.spaces.items()), task.has_poses)
 
     @classmethod
-    def of_card(cls, card: Mapping[str, Any]) -> Layout:
+    def of_card(cls, card: Mapping[str, Any]) -> Self:
         """The layout that a card of weights holds."""
         layout = card["layout"]
         sizes = tuple((str(key), int(n)) for key, n in layout["sizes"])

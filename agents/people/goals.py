@@ -12,8 +12,6 @@ as fast as the stick says, at most, until it is there, or the stick is centred, 
 elsewhere. Everywhere else the stick is the twist.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import NamedTuple
@@ -139,7 +137,7 @@ class Goals:
         belief: (k,) of each goal; they sum to 1.
     """
 
-    def __init__(self, config: Believing) -> None:
+    def __init__(self, config: "Believing") -> None:
         self.config = config
 
     def reset(self, mission: AssistMission) -> None:

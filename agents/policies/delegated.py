@@ -1,7 +1,5 @@
 """Policies that let another decide: an assistant, or a policy in a process of its own."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import json
@@ -35,7 +33,7 @@ class Assisted:
     def __post_init__(self) -> None:
         make_assistant(self.assist)  # which refuses what is wrong
 
-    def make(self) -> AssistedDriver:
+    def make(self) -> "AssistedDriver":
         """A fresh policy."""
         return AssistedDriver(self)
 
@@ -74,7 +72,7 @@ class Isolated:
     def __post_init__(self) -> None:
         settings_of(self.policy)  # which refuses what is wrong
 
-    def make(self) -> IsolatedDriver:
+    def make(self) -> "IsolatedDriver":
         """A fresh policy, whose process starts with its first episode.
 
         Raises:

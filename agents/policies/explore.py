@@ -1,7 +1,5 @@
 """Exploring an unknown world: to one frontier after another, then to the goal."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import field, replace
 from functools import partial
@@ -47,7 +45,7 @@ class Explore(Planned):
     seek: bool = setting(default=True)
     """Drive to the goal; false: map all there is."""
 
-    def make(self) -> Explorer:
+    def make(self) -> "Explorer":
         """A fresh policy."""
         return Explorer(self)
 

@@ -7,8 +7,6 @@ residual (Johannink et al. 2019; for shared control Schaff and Walter 2020), kep
 freedom: it cannot move a chair whose stick is centred.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable, Mapping
@@ -69,7 +67,7 @@ class Learned:
             raise InputError(f"{path}: its SHA-256 differs from the digest that was asked for")
         return path
 
-    def make(self) -> LearnedDriver:
+    def make(self) -> "LearnedDriver":
         """A fresh policy.
 
         Raises:
@@ -282,7 +280,7 @@ class Residual:
     def __post_init__(self) -> None:
         find_weights(self.weights)  # which refuses what is unknown
 
-    def make(self) -> LearnedAssistant:
+    def make(self) -> "LearnedAssistant":
         """A fresh assistant.
 
         Raises:

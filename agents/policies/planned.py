@@ -13,8 +13,6 @@ to another. In each control period `PlannedDriver.act`
 People see the name of the state, and more of a chair that follows its path: see `StatusReport`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import field, replace
@@ -132,8 +130,8 @@ class Transition(NamedTuple):
 
     event: Event
     state: State
-    condition: Callable[[PlannedDriver], bool] | None  # None: always
-    action: Callable[[PlannedDriver], None] | None
+    condition: "Callable[[PlannedDriver], bool] | None"  # None: always
+    action: "Callable[[PlannedDriver], None] | None"
     next: State
     stands: bool = False  # until the plan is there that the action asks for
 

@@ -1,7 +1,5 @@
 """Policies without planning or learning: random, straight, and a person at the keys."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -26,7 +24,7 @@ class RandomPolicy:
     seed: int = setting(default=0, low=0)
     """Seed of the actions, with the episode's key."""
 
-    def make(self) -> RandomDriver:
+    def make(self) -> "RandomDriver":
         """A fresh policy."""
         return RandomDriver(self)
 
@@ -59,7 +57,7 @@ _PIVOT = 0.5  # rad: heading error above which the chair turns in place
 class StraightPolicy:
     """Turns to the goal and drives there, whatever stands between."""
 
-    def make(self) -> StraightDriver:
+    def make(self) -> "StraightDriver":
         """A fresh policy."""
         return StraightDriver()
 
@@ -90,7 +88,7 @@ class Manual:
     It needs the window, which must have keyboard focus.
     """
 
-    def make(self) -> ManualPolicy:
+    def make(self) -> "ManualPolicy":
         """Make a fresh policy."""
         return ManualPolicy()
 

@@ -1,7 +1,5 @@
 """The types of a study: rows of runs with their published figures, and claims."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -60,7 +58,7 @@ class Row:
 class Results:
     """The runs of a study, by row and stratum."""
 
-    def __init__(self, study: Study, records: Iterable[tuple[str, str, int, Record]]) -> None:
+    def __init__(self, study: "Study", records: Iterable[tuple[str, str, int, Record]]) -> None:
         self.study = study
         self.runs: dict[tuple[str, str], list[Record]] = {
             (row.label, stratum): [] for row in study.rows for stratum in row.jobs
@@ -111,8 +109,8 @@ class Study:
     metrics: tuple[Metric, ...]
     margins: Mapping[str, float]  # by metric: less than this part counts as no difference
     rows: tuple[Row, ...]
-    claims: tuple[Claim, ...]
-    figures: Callable[[Results], Mapping[str, Figure]]
+    claims: "tuple[Claim, ...]"
+    figures: "Callable[[Results], Mapping[str, Figure]]"
     captions: Mapping[str, str]  # of the figures
     paired: bool = False  # all rows have the same seeds
     runs: int = 400  # the 100 of the thesis leave most trends undecided

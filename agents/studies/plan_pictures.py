@@ -5,14 +5,12 @@ The plan itself is that of any planner. Pictures and films show the tree as it g
 the path and its roll-out.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, Self
 
 import numpy as np
 import shapely
@@ -49,7 +47,7 @@ class Drawn(NamedTuple):
     kept_free: list[Array]  # loops round that and what the dilation adds; none without dilation
 
     @classmethod
-    def of(cls, problem: Problem) -> Drawn:
+    def of(cls, problem: Problem) -> Self:
         """A problem without dilation."""
         return cls(problem, _loops(problem.space.solid), [])
 
@@ -261,7 +259,7 @@ class PlanPictures:
     size: int | tuple[int, int] = 640  # of the pictures of a film, as `PlanPicture.draw` takes it
 
     @classmethod
-    def of_drive(cls, driver: PlannedDriver, mission: Mission, **more: Any) -> PlanPictures:
+    def of_drive(cls, driver: PlannedDriver, mission: Mission, **more: Any) -> Self:
         """Return the pictures of a plan to a policy's goal from its start, on a given map.
 
         Planner, clearance and seed are those of the policy's own plan. That has other random draws
