@@ -114,7 +114,8 @@ def settings(cls: type[T]) -> type[T]:
 
 def numbers_of(*classes: Any) -> np.dtype[Any]:
     """Return a record of all numbers in classes of settings, each name once, for kernels."""
-    names = [f.name for cls in classes for f in dataclasses.fields(cls) if f.type == "float"]
+    fields = [field for cls in classes for field in dataclasses.fields(cls)]
+    names = [field.name for field in fields if field.type in (float, "float")]  # quoted or not
     return np.dtype([(name, np.float64) for name in dict.fromkeys(names)])
 
 
