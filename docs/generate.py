@@ -15,6 +15,7 @@ import importlib
 import inspect
 import io
 import re
+import textwrap
 import tokenize
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -289,8 +290,9 @@ def class_text(name: str, cls: type) -> str:
 def member_text(cls: type, key: str, member: Any) -> str:
     """A property or a method as a directive; empty for anything else."""
     if isinstance(member, property):
-        hint = inspect.signature(member.fget).return_annotation if member.fget else ""
-        return directive("property", key, member.__doc__, type_option(hint))
+        return directive(
+            "property", key, member.__doc__, type_option(written(member.fget), "return")
+        )
     if isinstance(member, classmethod | staticmethod):
         bound, kind = getattr(cls, key), type(member).__name__
         return directive("method", f"{key}{call(bound)}", inspect.getdoc(bound), f":{kind}:")
@@ -302,16 +304,11 @@ def member_text(cls: type, key: str, member: Any) -> str:
 
 def attributes(cls: type, is_settings: bool) -> Iterator[tuple[str, str, str]]:
     """Name, meaning and type of the fields of a NamedTuple, a dataclass or an enumeration."""
-    docs = setting_docs(cls) if is_settings else comments(cls)
-    if dataclasses.is_dataclass(cls):
-        for field in dataclasses.fields(cls):
-            unit = field.metadata.get("unit", "")
-            doc = docs.get(field.name, "")
-            yield field.name, f"{doc} [{unit}]" if unit else doc, type_option(field.type)
-    else:
-        hints = inspect.get_annotations(cls)
-        for name in getattr(cls, "_fields", getattr(cls, "__members__", ())):
-            yield name, docs.get(name, ""), type_option(hints.get(name, ""))
+    docs, hints = setting_docs(cls) if is_settings else comments(cls), written(cls)
+    fields = getattr(cls, "__dataclass_fields__", None)
+    for name in fields or getattr(cls, "_fields", getattr(cls, "__members__", ())):
+        unit = fields[name].metadata.get("unit") if fields else ""
+        yield name, docs.get(name, "") + (f" [{unit}]" if unit else ""), type_option(hints, name)
 
 
 def comments(cls: type) -> dict[str, str]:
@@ -334,24 +331,41 @@ def comments(cls: type) -> dict[str, str]:
     return found
 
 
+def written(thing: Any) -> dict[str, str]:
+    """The annotations of a function, or of a class and its `__init__`, as the source has them."""
+    found: dict[str, str] = {}
+    for one in reversed(inspect.getmro(thing)) if inspect.isclass(thing) else (thing,):
+        try:
+            (node,) = ast.parse(textwrap.dedent(inspect.getsource(one))).body
+        except (OSError, TypeError):
+            continue  # made at run time
+        for part in node.body if isinstance(node, ast.ClassDef) else (node,):
+            match part:
+                case ast.AnnAssign(target=ast.Name(name)):
+                    found[name] = ast.unparse(part.annotation)
+                case ast.FunctionDef(name=name) if part is node or name == "__init__":
+                    args = [k for k in ast.walk(part.args) if isinstance(k, ast.arg)]
+                    found |= {k.arg: ast.unparse(k.annotation) for k in args if k.annotation}
+                    found["return"] = ast.unparse(part.returns) if part.returns else ""
+    return {key: text.strip("'") for key, text in found.items() if text}
+
+
 def call(function: Any, bound: bool = False) -> str:
     """The arguments of a function or a class, with annotations as they are written."""
     try:
         found = inspect.signature(function)
     except (TypeError, ValueError):
         return "()"
-    if bound:  # without `self`
-        found = found.replace(parameters=list(found.parameters.values())[1:])
-    if inspect.isclass(function):
-        found = found.replace(return_annotation=inspect.Signature.empty)
+    hints = written(function)
+    each = [one.replace(annotation=hints.get(k, one.empty)) for k, one in found.parameters.items()]
+    end = found.empty if inspect.isclass(function) else hints.get("return", found.empty)
+    found = found.replace(parameters=each[bound:], return_annotation=end)  # without `self`
     return re.sub(r"<[^<>]*>", "...", stringify_signature(found))  # defaults that are no code
 
 
-def type_option(hint: Any) -> str:
+def type_option(hints: dict[str, str], name: str) -> str:
     """The option of a directive that shows an annotation as it is written; empty without one."""
-    hint = getattr(hint, "__forward_arg__", hint)
-    text = hint if isinstance(hint, str) else getattr(hint, "__name__", str(hint))
-    return "" if text in ("", "_empty") else f":type: {text}"
+    return f":type: {hints[name]}" if name in hints else ""
 
 
 def directive(kind: str, head: str, doc: str | None, option: str = "") -> str:
