@@ -8,6 +8,7 @@ import signal
 import threading
 import time
 from contextlib import closing
+from types import SimpleNamespace
 from unittest.mock import Mock
 
 import gymnasium as gym
@@ -39,20 +40,13 @@ from wheelchair_gym.types import Command
 pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
 
 
-class Hasty:
-    """Asks for full speed in a bend."""
-
-    def reset(self, mission):
-        self.limits = mission.limits
-
-    def act(self, reading):
-        return Command.from_action(np.array([1.0, 0.5]), self.limits)
-
-
 def test_a_cap_begins_low_rises_while_it_drives_and_keeps_the_arc():
     world = PaperWorld(corridor(), (1.0, 0.0, 0.0), (6.0, 0.0, 0.0))
-    capped = Capped(Hasty(), Deployment(first=0.2, rise=0.5, maximum=0.6))
+    hasty, fast = Mock(), np.array([1.0, 0.5])  # full speed in a bend
+    hasty.act.return_value = Command.from_action(fast, world.mission.limits)
+    capped = Capped(hasty, Deployment(first=0.2, rise=0.5, maximum=0.6))
     capped.reset(world.mission)
+    hasty.reset.assert_called_once_with(world.mission)
     twists = [capped.act(world.seen).twist for _ in range(20)]
     speeds = [float(v) for v, _ in twists]
     assert speeds[0] == pytest.approx(0.25)
@@ -81,16 +75,18 @@ class Drive:
 
     def run(self, dry=False):
         policy = make_policy("straight")
-        with closing(self.env):
-            return deploy(self.env, policy, EPISODE, self.own, self.log.append, dry, self.each)
+        try:
+            with closing(self.env):
+                return deploy(self.env, policy, EPISODE, self.own, self.log.append, dry, self.each)
+        finally:
+            self.end()
 
     def end(self):
-        """Close the chair; return True if it came to rest."""
+        """Close the chair, which has come to rest, however its drive has ended."""
         clock = self.hosted.clock
         clock.wait(clock.now() + 0.7)
-        still = abs(self.hosted.twin.motion.speed) < 2e-3
+        assert abs(self.hosted.twin.motion.speed) < 2e-3
         self.hosted.close()
-        return still
 
 
 def at(stamp, act):
@@ -111,7 +107,6 @@ def test_it_arrives_and_is_told_to_stop():
     assert record["ended"] == ""
     assert np.hypot(*(drive.hosted.twin.plant.pose - EPISODE.goal)[:2]) < 0.3
     assert drive.log == []
-    assert drive.end()
 
 
 ENDS = {
@@ -128,7 +123,6 @@ def test_a_stop_that_lasts_ends_it_and_says_so(why):
     assert record["outcome"] == "halted"
     assert why in record["ended"]
     assert why in drive.log[0]
-    assert drive.end()
 
 
 def test_a_person_takes_it_and_gives_it_back():
@@ -139,7 +133,6 @@ def test_a_person_takes_it_and_gives_it_back():
     stands, on = (line.split("s  ", 1)[1] for line in drive.log)
     assert stands.startswith("stands: a person drives it by the joystick; ")
     assert on == "goes on"
-    assert drive.end()
 
 
 def between(begin, end, thing, name, value, other):
@@ -192,7 +185,6 @@ def test_a_latched_shield_is_told_and_goes_on_when_a_person_re_arms_it(way):
     assert [k for k, line in enumerate(lines) if line == "goes on"] == [len(lines) - 1]
     assert float(drive.log[-1].split("s  ")[0]) > 3.9
     assert any("no longer: the laser is silent" in line for line in lines)
-    assert drive.end()
 
 
 def test_a_latched_shield_that_nobody_re_arms_ends_it():
@@ -202,7 +194,6 @@ def test_a_latched_shield_that_nobody_re_arms_ends_it():
     assert record["outcome"] == "halted"
     assert record["ended"] == "the shield has stopped it: laser silent, for 2 s"
     assert not any("goes on" in line for line in drive.log)
-    assert drive.end()
 
 
 def test_in_simulation_a_latched_shield_stands_until_time_is_up(tmp_path, capsys):
@@ -223,7 +214,6 @@ def test_a_re_arm_while_the_cause_stands_is_refused_and_told():
     drive.each = lambda env: [fails(env), tries(env)]
     assert drive.run()["outcome"] == "halted"
     assert any("not re-armed: laser silent, still; check its plug" in line for line in drive.log)
-    assert drive.end()
 
 
 @pytest.mark.parametrize("terminal", [True, False])
@@ -251,7 +241,6 @@ def test_an_exception_stops_it():
     drive.each = at(1.5, Mock(side_effect=RuntimeError("a policy's mistake")))
     with pytest.raises(RuntimeError, match="mistake"):
         drive.run()
-    assert drive.end()
 
 
 def test_a_dry_run_sends_no_command():
@@ -260,39 +249,22 @@ def test_a_dry_run_sends_no_command():
     sent = []
     send = chair.senses.drive.send
     chair.senses.drive.send = lambda message: sent.append(type(message).__name__) or send(message)
+    resets, close = [], drive.hosted.close
+    drive.hosted.close = lambda: resets.append(drive.hosted.twin.drive.resets) or close()
     drive.each = at(2.0, Mock(side_effect=KeyboardInterrupt))
     with pytest.raises(KeyboardInterrupt):
         drive.run(dry=True)
     assert set(sent) == {"Get"}
-    assert drive.hosted.clock.now() > begun + 1.5
+    assert drive.hosted.clock.now() > begun + 2.2  # 0.7 s of them at rest
     assert "v  0." in drive.log[-1]
     assert any("dry run" in line for line in drive.log)
-    assert drive.hosted.twin.drive.resets == 0
-    assert drive.end()
-
-
-def person(served, caplog):
-    """Re-arms at the board's joystick when asked, and ends the command once the chair drives."""
-
-    def hand():
-        until(lambda: "a person must re-arm" in caplog.text)
-        rearm_by_hand(served.twin.faults, JoystickState())
-        until(lambda: served.twin.motion.speed > 0.1)
-        os.kill(os.getpid(), signal.SIGTERM)
-
-    threading.Thread(target=hand, daemon=True).start()
+    assert resets == [0]
 
 
 def words_for(config, map_, record):
     words = ["deploy", "--config", str(config), "--map", str(map_), "--policy", "straight"]
     words += ["--start", f"{X},{Y},0", "--goal", f"{X + 2.0},{Y + 0.5}"]
     return [*words, "--record", str(record)]
-
-
-def messages(file, topic):
-    """The messages of a topic of a recording."""
-    with file.open("rb") as stream:
-        return [message.data for *_, message in make_reader(stream).iter_messages([topic])]
 
 
 def test_the_command_is_ended_by_a_signal(monkeypatch, tmp_path, capfd):
@@ -313,14 +285,16 @@ def test_the_command_is_ended_by_a_signal(monkeypatch, tmp_path, capfd):
     with signals_kept():
         assert main(words) == 130
     assert capfd.readouterr().err.splitlines()[-1] == "wheelchair: stopped"
-    boards = [json.loads(told) for told in messages(record, "/board")]
+    with record.open("rb") as stream:
+        told = [*make_reader(stream).iter_messages(["/board"])]
+    boards = [json.loads(message.data) for *_, message in told]
     assert len(boards) > 5
     assert {board["mode"] for board in boards} == {"HOST"}
     assert boards[-1]["left"] > boards[0]["left"] + 5
     assert boards[-1]["duty_left"] > 0.02
     assert all(begun <= board["wall"] <= time.time() for board in boards)
     assert {board["faults"] for board in boards} == {""}
-    assert drive.end()
+    drive.end()
 
 
 @pytest.mark.parametrize("turn", [0.0, 1.57])
@@ -338,7 +312,7 @@ def test_a_start_that_the_scan_does_not_fit_is_refused(turn, monkeypatch, tmp_pa
     assert re.search(r"it fits (1.00|0.9\d) at 3.0", line)
     assert "--force-start" in line
     assert np.hypot(*(drive.hosted.twin.plant.pose - place)[:2]) < 0.01
-    assert drive.end()
+    drive.end()
 
 
 @pytest.mark.realtime
@@ -346,7 +320,14 @@ def test_a_start_that_the_scan_does_not_fit_is_refused(turn, monkeypatch, tmp_pa
 def test_the_command_drives_over_devices(tmp_path, caplog, capfd):
     """In real time, as a person runs it, who re-arms it at the board's joystick."""
     with serving(tmp_path) as served, signals_kept():
-        person(served, caplog)
+
+        def hand():
+            until(lambda: "a person must re-arm" in caplog.text)
+            rearm_by_hand(served.twin.faults, JoystickState())
+            until(lambda: served.twin.motion.speed > 0.1)
+            os.kill(os.getpid(), signal.SIGTERM)
+
+        threading.Thread(target=hand, daemon=True).start()
         words = [*words_for(served.config, served.map, tmp_path / "run.mcap"), "--force-start"]
         assert main(words) == 130
         assert "a person must re-arm" in caplog.text
@@ -354,21 +335,10 @@ def test_the_command_drives_over_devices(tmp_path, caplog, capfd):
         assert until(lambda: abs(served.twin.motion.speed) <= 2e-3)
 
 
-class Watchless:
-    """A clock that stands still unless it is told to move."""
-
-    def __init__(self):
-        self.time = 100.0
-
-    def now(self):
-        return self.time
-
-    def wait(self, deadline, cancelled=None):
-        self.time = max(self.time, deadline)
-
-
 def test_late_periods_are_counted_those_that_were_missed_as_a_whole_too():
-    clock, chair = Watchless(), ChairSettings()
+    clock, chair = SimpleNamespace(time=100.0), ChairSettings()
+    clock.now = lambda: clock.time  # it stands still unless it is told to move
+    clock.wait = lambda deadline, _: setattr(clock, "time", max(clock.time, deadline))
     drive = {"reset": None, "drive": None}
     loop = type("Paced", (RealChair,), drive)("it", clock, 0.1, 0.2, chair, LaserSettings())
     loop._begin(np.zeros(3))

@@ -4,6 +4,7 @@ import json
 import re
 from dataclasses import dataclass
 from typing import ClassVar
+from unittest.mock import DEFAULT, Mock
 
 import numpy as np
 import pytest
@@ -121,16 +122,9 @@ def test_results_say_all_and_resume_computes_nothing_twice(problems, ghost, tmp_
 
 
 def test_ctrl_c_keeps_what_is_done(problems, ghost, tmp_path, capsys, monkeypatch):
-    made = []
-
-    def stopping(*arguments):
-        if len(made) == 3:
-            raise KeyboardInterrupt
-        made.append(original(*arguments))
-        return made[-1]
-
-    original = planner_benchmark.run_once
-    monkeypatch.setattr(planner_benchmark, "run_once", stopping)
+    stops = [DEFAULT, DEFAULT, DEFAULT, KeyboardInterrupt]
+    made = Mock(wraps=planner_benchmark.run_once, side_effect=stops)
+    monkeypatch.setattr(planner_benchmark, "run_once", made)
     bench("--problems", problems, out=tmp_path, code=130)
     assert "stopped; 3 of " in capsys.readouterr().err
     assert len(json.loads((tmp_path / "planners.json").read_text())["records"]) == 3

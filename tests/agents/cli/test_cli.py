@@ -39,9 +39,8 @@ def hall(tmp_path_factory):
     write_map(OccupancyGrid(cells, 0.1), folder / "hall.yaml")
     (folder / "broken.yaml").write_text("image: [")
     text = (folder / "hall.yaml").read_text()
-    image = next(line.split()[1] for line in text.splitlines() if line.startswith("image"))
     (folder / "corrupt.pgm").write_bytes(b"P5\n50 40")
-    (folder / "corrupt.yaml").write_text(text.replace(image, "corrupt.pgm"))
+    (folder / "corrupt.yaml").write_text(text.replace("hall.pgm", "corrupt.pgm"))
     rects = [[2.0, 1.5, 3.0, 2.5]]
     problem = {"name": "hall", "size": 5, "rects": rects, "start": [1, 2], "goal": [4, 2]}
     (folder / "problems.json").write_text(json.dumps([problem | {"optimum": 3.2361}]))

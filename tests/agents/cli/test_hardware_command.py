@@ -6,7 +6,8 @@ import json
 import re
 import threading
 import time
-from contextlib import nullcontext
+from contextlib import closing, contextmanager, nullcontext
+from itertools import chain, repeat
 from types import SimpleNamespace
 from unittest.mock import Mock
 
@@ -26,6 +27,24 @@ from wheelchair_gym.sim.chair import SimulatedChair
 from wheelchair_gym.sim.randomization import exactly
 
 pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
+
+
+@contextmanager
+def repeated(act, seconds):
+    """Act in a thread of its own, again after so long each time, while the context lasts."""
+    ended = threading.Event()
+
+    def each():
+        while not ended.wait(seconds):
+            act()
+
+    thread = threading.Thread(target=each)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
 
 
 @pytest.mark.realtime
@@ -50,24 +69,12 @@ def test_a_tool_names_the_program_that_has_the_port_and_blames_no_cable(served, 
     settings = env_settings(str(served.config))
     own = settings.hardware
     senses = BoardSensors(own, settings.sensors, settings.chair.drive, time.monotonic)
-    ended = threading.Event()
-
-    def drive():
-        while not ended.wait(0.005):
-            senses.poll()
-
-    owner = threading.Thread(target=drive)
-    owner.start()
-    try:
+    with closing(senses), repeated(senses.poll, 0.005):
         assert until(lambda: senses.drive.connection is not None)
         assert main(["hardware", "check", "--config", str(served.config), "--no-person"]) == 1
         said = capsys.readouterr().out
         assert f"{own.drive_port} is in use by this very program" in said
         assert "cable" not in said.split("range board")[0]
-    finally:
-        ended.set()
-        owner.join()
-        senses.close()
 
 
 def test_monitor_asks_before_it_resets_a_board(tmp_path, monkeypatch, capsys):
@@ -147,23 +154,13 @@ def test_calibration_drives_fits_and_writes(tmp_path, monkeypatch, capsys):
     assert "has 1, from 0" in refusal([*simulate, "--episode", "1"], capsys)
 
 
-class NoStick:
+def no_stick(looks=0):
     """A device that is not there, or is taken away after n looks."""
-
-    def __init__(self, looks=0):
-        self.looks = looks
-
-    def absinfo(self, axis):
-        return SimpleNamespace(value=0, min=-1, max=1)
-
-    def read(self):
-        self.looks -= 1
-        if self.looks < 0:
-            raise OSError("no joystick: plug it in")
-        return ()
-
-    def close(self):
-        pass
+    away = OSError("no joystick: plug it in")
+    axis = SimpleNamespace(value=0, min=-1, max=1)
+    return Mock(
+        absinfo=lambda _axis: axis, read=Mock(side_effect=chain(repeat((), looks), repeat(away)))
+    )
 
 
 @pytest.mark.realtime
@@ -172,16 +169,20 @@ def test_drive_without_a_joystick_says_what_it_waits_for_and_ends(
     served, monkeypatch, capsys, looks
 ):
     """At the start, and where it is taken away under way."""
-    devices = [NoStick(looks)]
+    devices, reset = [no_stick(looks)], HardwareChair.reset
 
     def opener(_own):
         if not devices or not looks:
             raise OSError("no joystick: plug it in")
         return devices.pop()
 
+    def armed(chair, *words):
+        with repeated(lambda: chair.waiting_for and chair.rearm(), 0.05):  # by a person
+            return reset(chair, *words)
+
     monkeypatch.setattr(hardware, "load_extra", lambda package: None)
     monkeypatch.setattr(joystick.Joystick.__init__, "__defaults__", (lambda: None, opener))
-    monkeypatch.setattr(HardwareChair, "reset", armed(HardwareChair.reset))
+    monkeypatch.setattr(HardwareChair, "reset", armed)
     words = ["hardware", "drive", "--config", str(served.config), "--timeout", "0.5"]
     assert main(words) == (1 if looks else 2)
     said = capsys.readouterr().err
@@ -191,7 +192,7 @@ def test_drive_without_a_joystick_says_what_it_waits_for_and_ends(
 
 
 def test_re_arming_before_there_is_a_chair_does_nothing(tmp_path, monkeypatch, capsys):
-    device, own = NoStick(), joystick.JoystickSettings()
+    device, own = no_stick(), joystick.JoystickSettings()
     press = SimpleNamespace(type=joystick.EV_KEY, code=own.rearm_button, value=1)
     device.read = lambda: [press]
     monkeypatch.setattr(hardware, "load_extra", lambda package: None)
@@ -199,25 +200,3 @@ def test_re_arming_before_there_is_a_chair_does_nothing(tmp_path, monkeypatch, c
     monkeypatch.setattr(hardware, "_chair", Mock(side_effect=InputError("it is away")))
     config = put(tmp_path / "config.json", {})
     assert "it is away" in refusal(["hardware", "drive", "--config", config], capsys)
-
-
-def armed(reset):
-    """A person re-arms a chair that waits for it."""
-
-    def both(chair, *words):
-        ended = threading.Event()
-
-        def person():
-            while not ended.wait(0.05):
-                if chair.waiting_for:
-                    chair.rearm()
-
-        thread = threading.Thread(target=person)
-        thread.start()
-        try:
-            return reset(chair, *words)
-        finally:
-            ended.set()
-            thread.join()
-
-    return both

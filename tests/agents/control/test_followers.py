@@ -1,5 +1,7 @@
 """Laws of the scripted policies and of exact tracking in tight places, with a chair on paper."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -126,26 +128,21 @@ def test_a_twist_that_could_not_stop_is_refused():
     assert rollout.stops_clear(0.2, 0.0, body(0.2, deceleration=0.1), near, 0.4, 0.05)
 
 
-def situation(world):
-    """What a follower gets at the start of a straight path."""
-    mission = world.mission
-    reference = ReferencePath(np.array([world.pose[:2], mission.goal[:2]]), world.pose)
-    chair = ChairState(mission.limits, mission.footprint, mission.period)
-    return Situation(LocalMap(mission), reference, chair)
-
-
 def test_a_twist_is_tested_as_the_chair_drives_it():
     """Beyond the limits it is slowed on its arc, and in reverse to the limit."""
     world = PaperWorld(corridor(), (1.0, 0.0, 0.0), (7.0, 0.0, 0.0), turn=0.05, backward=0.02)
-    now = situation(world)
+    mission = world.mission
+    reference = ReferencePath(np.array([world.pose[:2], mission.goal[:2]]), world.pose)
+    chair = ChairState(mission.limits, mission.footprint, mission.period)
+    now = Situation(LocalMap(mission), reference, chair)
     asked = {(0.4, 0.5): (0.04, 0.05), (1.6, 0.0): (0.8, 0.0), (-0.05, -0.5): (-0.005, -0.05),
              (-0.05, 0.0): (-0.02, 0.0), (0.2, 0.01): (0.2, 0.01)}  # fmt: skip
     for twist, driven_twist in asked.items():
         np.testing.assert_allclose(now.first_clear([twist], 0.05), driven_twist)
     spin = Spin()
-    spin.begin(world.pose, world.mission.goal)
+    spin.begin(world.pose, mission.goal)
     assert abs(spin.twist(now)[1]) == 0.05
-    assert spin.turned == pytest.approx(0.05 * world.mission.period)
+    assert spin.turned == pytest.approx(0.05 * mission.period)
 
 
 def test_a_faster_chair_sees_as_far_as_it_needs_to_stop():
@@ -374,22 +371,14 @@ def test_what_has_room_is_left_to_the_follower(name, monkeypatch):
     assert not np.array_equal(begun(ROOM, 0.1), begun(ROOM, 0.0))
 
 
-class UpTo:
-    """A planner that finds a way up to a clearance."""
-
-    def __init__(self, widest):
-        self.widest, self.asked = widest, []
-
-    def plan(self, problem, rng, **_):
-        self.asked.append(round(problem.clearance, 3))
-        found = problem.clearance <= self.widest
+@pytest.mark.parametrize(("widest", "got"), [(0.5, 0.4), (0.37, 0.36), (0.345, 0.34), (0.33, 0.32)])
+def test_the_widest_plan_is_sought_by_half_steps_where_little_is_left(widest, got):
+    def plan(problem, rng, **_):
+        found = problem.clearance <= widest
         path = np.array([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)]) if found else np.empty((0, 3))
         return Plan(Status.SOLVED if found else Status.EXHAUSTED, path)
 
-
-@pytest.mark.parametrize(("widest", "got"), [(0.5, 0.4), (0.37, 0.36), (0.345, 0.34), (0.33, 0.32)])
-def test_the_widest_plan_is_sought_by_half_steps_where_little_is_left(widest, got):
-    planner, rng = UpTo(widest), np.random.default_rng(0)
+    planner, rng = SimpleNamespace(plan=plan), np.random.default_rng(0)
     search = Search(planner, 0.40, 0.28, rng, np.zeros(3), [])
     _, clearance = search.widest(box(4.0, 2.0), np.array([1.0, 0.0]), np.inf)
     assert clearance == pytest.approx(got)

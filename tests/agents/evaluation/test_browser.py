@@ -1,21 +1,16 @@
-"""Pages in a real browser: no error, no missing picture, readable on a phone, tables that sort.
+"""Pages in a real browser: no error, no missing picture, readable on a phone, tables that sort."""
 
-Chromium is run without a window on a copy of a page that tells of itself when it has loaded.
-"""
-
-import html
-import json
 import re
-import subprocess
 
 import pytest
 
 from agents.cli import main
-from tests.browser import BROWSER, need_browser
+from tests.agents.studio.served import browsing
 
 pytestmark = pytest.mark.long
-PROBE = """<script>
-addEventListener("load", () => {
+PROBE = """async () => {
+  for (const image of document.images) image.loading = "eager";
+  await Promise.all([...document.images].map(image => image.decode().catch(() => null)));
   const sizes = [], cut = [];
   for (const of of document.querySelectorAll("h1, p, td, th, figcaption, li, dt, dd, pre")) {
     sizes.push(parseFloat(getComputedStyle(of).fontSize));
@@ -26,21 +21,14 @@ addEventListener("load", () => {
     [...table.querySelectorAll("tbody tr")].map(row => row.textContent);
   const before = rows(), button = table.querySelectorAll("thead button")[1];
   if (button) { button.click(); button.click(); }
-  const told = {
+  return {
     width: innerWidth, page: document.documentElement.scrollWidth,
     broken: [...document.images].filter(i => !i.complete || !i.naturalWidth).length,
     images: document.images.length, least: Math.min(...sizes), cut,
     sorted: button ? button.closest("th").getAttribute("aria-sort") : null,
     same: JSON.stringify(before.sort()) === JSON.stringify(rows().sort()),
   };
-  parent.postMessage(JSON.stringify(told), "*");
-});
-</script>"""
-# A window is never narrower than 500 pixels; a frame in it is.
-FRAME = """<!doctype html><script>addEventListener("message", event => {
-  document.body.innerHTML = "<pre id=told></pre>";
-  document.getElementById("told").textContent = event.data;
-})</script><iframe src="probed.html" width="{width}" height="1800" style="border:0"></iframe>"""
+}"""
 
 
 @pytest.fixture(scope="module")
@@ -55,28 +43,25 @@ def pages(tmp_path_factory):
     return folder
 
 
-def seen(page, width):
+@pytest.fixture(scope="module")
+def browser():
+    with browsing() as one:
+        yield one
+
+
+def seen(browser, page, width):
     """Return a page's measures of itself in a window `width` wide, and the console's messages."""
-    need_browser()
-    probed = page.with_name("probed.html")
-    probed.write_text(page.read_text(encoding="utf-8") + PROBE, encoding="utf-8")
-    frame = page.with_name("frame.html")
-    frame.write_text(FRAME.replace("{width}", str(width)), encoding="utf-8")
-    done = subprocess.run(
-        [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr",
-         "--hide-scrollbars", "--window-size=1400,2000", "--virtual-time-budget=8000", "--dump-dom",
-         frame.as_uri()],
-        capture_output=True, text=True, timeout=120, check=True,
-    )  # fmt: skip
-    (told,) = re.findall(r'<pre id="told">(.*?)</pre>', done.stdout, re.DOTALL)
-    console = [line for line in done.stderr.splitlines() if "CONSOLE" in line]
-    return json.loads(html.unescape(told)), console
+    tab, console = browser.new_page(viewport={"width": width, "height": 1800}), []
+    for told in ("console", "pageerror"):
+        tab.on(told, lambda message: console.append(f"{message}"))
+    tab.goto(page.as_uri())
+    return tab.evaluate(PROBE), console
 
 
 @pytest.mark.parametrize("name", ["compare", "study"])
 @pytest.mark.parametrize("width", [360, 1280])
-def test_a_page_is_whole_and_readable(pages, name, width):
-    told, console = seen(pages / name / "report.html", width)
+def test_a_page_is_whole_and_readable(browser, pages, name, width):
+    told, console = seen(browser, pages / name / "report.html", width)
     assert console == []
     assert told["broken"] == 0
     assert told["images"] > 0
@@ -87,7 +72,7 @@ def test_a_page_is_whole_and_readable(pages, name, width):
     assert told["same"]
 
 
-def test_a_broken_page_is_told(pages):
+def test_a_broken_page_is_told(browser, pages):
     """The probe sees what it is there to see."""
     page = pages / "broken" / "report.html"
     page.parent.mkdir()
@@ -96,7 +81,7 @@ def test_a_broken_page_is_told(pages):
         text + "<script>console.error('broken')</script><img src='none.png'>"
         "<p style='font-size:5px;width:900px'>long</p>", encoding="utf-8",
     )  # fmt: skip
-    told, console = seen(page, 360)
+    told, console = seen(browser, page, 360)
     assert len(console) >= 1
     assert told["broken"] == 1
     assert told["least"] == 5.0
@@ -105,15 +90,10 @@ def test_a_broken_page_is_told(pages):
 
 
 @pytest.mark.parametrize("name", ["compare", "study"])
-def test_a_page_prints_on_landscape_sheets(pages, name):
-    need_browser()
-    pdf = pages / f"{name}.pdf"
-    subprocess.run(
-        [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", f"--print-to-pdf={pdf}",
-         (pages / name / "report.html").as_uri()],
-        capture_output=True, timeout=120, check=True,
-    )  # fmt: skip
-    content = pdf.read_bytes()
+def test_a_page_prints_on_landscape_sheets(browser, pages, name):
+    tab = browser.new_page()
+    tab.goto((pages / name / "report.html").as_uri())
+    content = tab.pdf(prefer_css_page_size=True)
     assert content.startswith(b"%PDF")
     boxes = set(re.findall(rb"/MediaBox ?\[([\d. ]+)\]", content))
     assert boxes

@@ -23,30 +23,26 @@ SEEDS, OTHERS = range(3), range(50, 53)
 trials = []
 
 
-class Judge:
-    """Scores a lookahead of 1 m and a short time highest, and seeds by their number."""
-
-    def __call__(self, spec, seeds):
-        make_policy(spec)
-        trials.append(spec)
-        follower = {"lookahead": 0.45, "lookahead_time": 0.7}
-        follower |= {} if isinstance(spec, str) else spec["follower"]
-        score = -abs(np.log(follower["lookahead"])) - follower["lookahead_time"]
-        return [score + 0.1 * seed for seed in seeds]
+def judge(spec, seeds):
+    """Score a lookahead of 1 m and a short time highest, and seeds by their number."""
+    make_policy(spec)
+    trials.append(spec)
+    follower = {"lookahead": 0.45, "lookahead_time": 0.7}
+    follower |= {} if isinstance(spec, str) else spec["follower"]
+    score = -abs(np.log(follower["lookahead"])) - follower["lookahead_time"]
+    return [score + 0.1 * seed for seed in seeds]
 
 
-class Struck(Judge):
+def struck(spec, seeds):
     """A judge whom Ctrl-C strikes at a trial."""
-
-    def __call__(self, spec, seeds):
-        if len(trials) == 3:
-            raise KeyboardInterrupt
-        return super().__call__(spec, seeds)
+    if len(trials) == 3:
+        raise KeyboardInterrupt
+    return judge(spec, seeds)
 
 
-def search(folder, judge=Judge, **options):
+def search(folder, judge=judge, **options):
     options = {"trials": 6, "folder": folder, "progress": False, **options}
-    return tune(NAME, RANGES, judge(), SEEDS, OTHERS, **options)
+    return tune(NAME, RANGES, judge, SEEDS, OTHERS, **options)
 
 
 @pytest.fixture(scope="module")
@@ -84,8 +80,8 @@ def test_a_search_begins_with_what_is_set_and_judges_the_best_on_others(once):
     assert found["best"]["score"] == max(scores)
     assert len({tuple(row[3:]) for row in rows[1:]}) > 3
     best = spec(f"{folder / 'best.json'}:{NAME}")
-    assert found["others"]["best"] == np.mean(Judge()(best, OTHERS))
-    assert found["others"]["before"] == np.mean(Judge()(NAME, OTHERS))
+    assert found["others"]["best"] == np.mean(judge(best, OTHERS))
+    assert found["others"]["before"] == np.mean(judge(NAME, OTHERS))
     low, high = found["others"]["gain_interval"]
     assert low - 1e-9 <= found["others"]["best"] - found["others"]["before"] <= high + 1e-9
 
@@ -93,7 +89,7 @@ def test_a_search_begins_with_what_is_set_and_judges_the_best_on_others(once):
 def test_a_search_is_the_same_when_stopped(once, tmp_path):
     trials.clear()
     with pytest.raises(StoppedError, match="3 of 6 trials"):
-        search(tmp_path, Struck)
+        search(tmp_path, struck)
     assert search(tmp_path) == once[1]
     assert (tmp_path / "trials.csv").read_text() == (once[0] / "trials.csv").read_text()
 
@@ -110,7 +106,7 @@ def test_more_trials_go_on_and_another_search_is_refused(once, tmp_path):
 
 def test_settings_that_do_not_go_together_are_no_trials(tmp_path):
     wrong = {"follower.lookahead": CategoricalDistribution((0.45, 0.6, -1.0))}
-    found = tune(NAME, wrong, Judge(), SEEDS, OTHERS, trials=6, folder=tmp_path, progress=False)
+    found = tune(NAME, wrong, judge, SEEDS, OTHERS, trials=6, folder=tmp_path, progress=False)
     assert found["best"]["settings"] == {"follower.lookahead": 0.6}
     assert "fail" in (tmp_path / "trials.csv").read_text()
 
@@ -125,7 +121,7 @@ def test_a_range_without_the_current_value_is_refused_before_any_trial(what, val
     assert covers(each, each.choices[0] if what.count(",") else 2.0)
     with pytest.raises(InputError, match=r"lookahead: the range lacks the current value 0\.45"):
         tune(
-            NAME, {"follower.lookahead": each}, Judge(), SEEDS, OTHERS, trials=2,
+            NAME, {"follower.lookahead": each}, judge, SEEDS, OTHERS, trials=2,
             folder=tmp_path / "none", progress=False,
         )  # fmt: skip
     assert not (tmp_path / "none").exists()

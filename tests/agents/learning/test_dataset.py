@@ -1,6 +1,7 @@
 """Data sets for offline learning, of policies and of recorded drives, read back by Minari."""
 
 import json
+from unittest.mock import DEFAULT, Mock
 
 import numpy as np
 import pytest
@@ -36,15 +37,8 @@ def test_what_is_written_is_what_was_driven(tmp_path, monkeypatch):
 
 
 def test_a_data_set_keeps_what_was_driven_before_ctrl_c(tmp_path, monkeypatch, capsys):
-    drive, count = dataset._drive, []
-
-    def interrupted(*arguments):
-        if len(count) == 2:
-            raise KeyboardInterrupt
-        count.append(1)
-        return drive(*arguments)
-
-    monkeypatch.setattr(dataset, "_drive", interrupted)
+    struck = Mock(wraps=dataset._drive, side_effect=[DEFAULT, DEFAULT, KeyboardInterrupt])
+    monkeypatch.setattr(dataset, "_drive", struck)
     found = dataset.write_dataset(NAME, "straight", "clutter", ENV, range(5), tmp_path, False)
     assert found["episodes"] == minari.load_dataset(NAME).total_episodes == 2
     assert "stopped after 2 episodes" in capsys.readouterr().err

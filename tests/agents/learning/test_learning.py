@@ -26,17 +26,12 @@ from agents.learning.run import BATCH, Run, evaluate_network, train
 from agents.learning.sb3 import SaveModel
 from agents.learning.settings import RECIPES, Imitation
 from agents.learning.weights import Layout, Network, load_weights
-from tests.agents.learning.tiny_runs import ENV, ON, PRIVY, tiny, trained_run
+from tests.agents.learning.tiny_runs import ENV, ON, PRIVY, tiny
 from tests.conftest import ROOT, json_file
 from wheelchair_gym.base.settings import InputError, dump
 from wheelchair_gym.envs import NavigationVectorEnv
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.task.observations import PRIVILEGED
-
-
-@pytest.fixture(scope="module")
-def trained(tmp_path_factory):
-    return trained_run(tmp_path_factory.mktemp("trained"))
 
 
 def numbers(rows):

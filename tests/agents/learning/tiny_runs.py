@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from agents.learning.run import Run
 from agents.learning.settings import read_training
 from agents.learning.weights import FORMAT, Layout, Weights
 from wheelchair_gym.base.settings import load
@@ -48,15 +47,6 @@ def tiny(algorithm, **changes):
         **changes,
     }
     return read_training(content, "tiny.json", algorithm)
-
-
-def trained_run(folder):
-    """A finished run, and its folder."""
-    run = Run(tiny("ppo"), 0, folder)
-    while not run.done:
-        run.learn()
-    run.close()
-    return run, folder
 
 
 def random_weights(posed=True, head="clip", rear=0):

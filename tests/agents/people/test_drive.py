@@ -3,6 +3,7 @@
 import dataclasses
 import threading
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import gymnasium as gym
 import numpy as np
@@ -31,6 +32,7 @@ pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
 RATE = 20.0
 HELD = JoystickState(dead_man=True)
 PUSHED = JoystickState(forward=1.0, dead_man=True)
+AHEAD = Command(np.array([0.5, 0.0]))
 
 
 class Ride:
@@ -163,54 +165,19 @@ def test_the_manual_switch_takes_the_chair_at_any_moment():
     assert BY_HAND in "\n".join(ride.log)
 
 
-class Raises:
-    """An assistant that fails after a while."""
-
-    def reset(self, mission):
-        self.steps = 0
-
-    def act(self, reading):
-        self.steps += 1
-        if self.steps > 40:
-            raise ZeroDivisionError("nobody there")
-        return Command(np.array([0.5, 0.0]))
-
-
-class Nonsense(Raises):
-    def act(self, reading):
-        self.steps += 1
-        return Command(np.array([0.5 if self.steps < 40 else np.nan, 0.0]))
-
-
-class Hangs(Raises):
-    """One that takes too long, once: until it is let go."""
-
-    def __init__(self):
-        self.free = threading.Event()
-
-    def act(self, reading):
-        self.steps += 1
-        if self.steps == 40:
-            self.free.wait()
-        return Command(np.array([0.5, 0.0]))
-
-
-class Blind(Raises):
-    """One that only drives ahead."""
-
-    def act(self, reading):
-        return Command(np.array([0.5, 0.0]))
-
-
 def by_hand_after_4_s(t):
     """The person pushes, and takes the chair with the manual switch."""
     stick = HELD if t < 0.3 or 4.0 <= t < 4.5 else PUSHED
     return dataclasses.replace(stick, manual=t >= 4.0)
 
 
-@pytest.mark.parametrize("policy", [Raises, Nonsense])
-def test_an_assistant_that_fails_stops_the_chair_which_a_person_drives_on_by_hand(policy):
-    ride = Ride(by_hand_after_4_s, policy())
+@pytest.mark.parametrize(
+    "last",
+    [ZeroDivisionError("nobody there"), Command(np.array([np.nan, 0.0]))],
+    ids=["an error", "no number"],
+)
+def test_an_assistant_that_fails_stops_the_chair_which_a_person_drives_on_by_hand(last):
+    ride = Ride(by_hand_after_4_s, Mock(act=Mock(side_effect=[*40 * [AHEAD], last])))
     ride.run(7.0)
     assert ride.speed(1.9) > 0.3
     assert abs(ride.speed(3.9)) < 0.01
@@ -221,17 +188,23 @@ def test_an_assistant_that_fails_stops_the_chair_which_a_person_drives_on_by_han
 
 
 def test_an_assistant_that_is_late_stops_the_chair_until_the_stick_was_centred():
+    def act(reading):
+        if late.act.call_count == 40:  # once, until it is let go
+            free.wait()
+        return AHEAD
+
     def hand(t):
-        if t > 4.0 and not late.free.is_set():
-            late.free.set()
+        if t > 4.0 and not free.is_set():
+            free.set()
             assert until(lambda: not ride.assistant._answers.empty())
         return HELD if t < 0.3 or 8.0 <= t < 8.3 else PUSHED
 
     def each(env):
-        ride.assistant.deadline = 0.01 if late.steps == 39 else 600.0  # before it hangs
+        ride.assistant.deadline = 0.01 if late.act.call_count == 39 else 600.0
         return False
 
-    late = Hangs()
+    free, late = threading.Event(), Mock()
+    late.act.side_effect = act
     ride = Ride(hand, late)
     ride.run(11.0, each)
     log = "\n".join(ride.log)
@@ -290,7 +263,7 @@ def test_after_a_touch_the_person_drives_it_free_by_hand():
             return dataclasses.replace(stick, manual=True)
         return HELD if t < 0.3 or 9.0 <= t < 9.5 else PUSHED
 
-    ride = Ride(hand, Blind())
+    ride = Ride(hand, Mock(act=lambda reading: AHEAD))  # whatever is there
 
     def bump():
         ride.twin.faults.switches = Switch.FRONT if 2.0 < ride.now() < 6.5 else Switch(0)

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from agents.cli import main
+from agents.evaluation.evaluate import drive_episode
 from agents.people.fit_driver import fit_driver
 from agents.people.recorded_stick import StickSession, open_loop, prompt_text, schedule, session_of
+from agents.policies import make_policy
 from tests.conftest import json_of, output_of, refusal
 from wheelchair_gym import InputError
 from wheelchair_gym.envs import NavigationEnv
@@ -152,12 +154,7 @@ def drives(tmp_path_factory):
     env = NavigationEnv("clutter", rate=RATE, driver="essential_tremor", shield=True, split="test")
     env = RecordEpisodes(env, folder / "drive.mcap")
     for seed in range(3):
-        env.reset(seed=seed)
-        ended = False
-        while not ended:
-            forward, left, _ = env.unwrapped.task.stick
-            _, _, terminated, truncated, _ = env.step(np.array([forward, left]))
-            ended = terminated or truncated
+        drive_episode(env, make_policy({"name": "assisted", "assist": "direct"}), seed)
     env.close()
     person = Prompted(PEOPLE["trembling and weak"])
     env = NavigationEnv("empty", rate=RATE, person=person, split="test")
@@ -226,13 +223,11 @@ def test_prompts_ask_for_every_direction_and_for_the_centre_between():
     assert prompt_text(0.0, 0.0) == "let go: centre"
 
 
-DRIVE = ["simulate", "--scene", "clutter", "--seed", "4", "--driver", "weak_left"]
-
-
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
     file = tmp_path_factory.mktemp("drives") / "drive.mcap"
-    assert main([*DRIVE, "--assist", "vfh", "--record", str(file)]) == 0
+    drive = ["simulate", "--scene", "clutter", "--seed", "4", "--driver", "weak_left"]
+    assert main([*drive, "--assist", "vfh", "--record", str(file)]) == 0
     return file
 
 

@@ -16,6 +16,7 @@ from agents.policies.learned import weights_digest
 from tests.benchmarks.assisted_drives import Helpers
 from tests.conftest import output_of, put
 from tests.copies import differences
+from tests.laws.test_policies import driven
 from wheelchair_gym.base.files import file_digest
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
@@ -100,7 +101,6 @@ def test_a_batch_is_driven_as_by_the_network_in_it(weights):
 
 
 def test_it_acts_as_often_as_in_training_and_lets_go_at_once(weights):
-    assistant = make_assistant(weights)
     env = NavigationEnv("clutter", driver="expert", rate=50.0, shield=True, split="test")
     policy = make_policy({"name": "assisted", "assist": weights})
     env.reset(seed=1)
@@ -118,7 +118,7 @@ def test_it_acts_as_often_as_in_training_and_lets_go_at_once(weights):
     slow.reset(seed=1)
     with pytest.raises(InputError, match="acts at 5 Hz"):
         make_policy({"name": "assisted", "assist": weights}).reset(slow.mission)
-    assert assistant.freedom.backward == 0.045
+    assert make_assistant(weights).freedom.backward == 0.045
 
 
 def test_an_exported_assistant_answers_as_its_weights_do(weights, tmp_path):
@@ -126,18 +126,15 @@ def test_an_exported_assistant_answers_as_its_weights_do(weights, tmp_path):
     pytest.importorskip("onnxruntime", reason="pip install 'wheelchair_gym[learn]'")
     file = str(tmp_path / "assistant.onnx")
     assert main(["export", weights, "--onnx", file]) == 0
-    answers = []
-    for assist in (weights, file):
-        env = NavigationEnv("clutter", driver="expert", rate=5.0, shield=True, split="test")
-        policy = GymPolicy(make_policy({"name": "assisted", "assist": assist}), env)
-        observation, _ = env.reset(seed=1)
-        policy.reset()
-        answers.append([])
-        for _ in range(20):
-            answers[-1].append(policy.act(observation))
-            observation, *_ = env.step(answers[0][len(answers[-1]) - 1])
-    np.testing.assert_allclose(*answers, rtol=0.0, atol=1e-5)
-    assert np.ptp(answers[0]) > 0.1
+    own, exported = (make_policy({"name": "assisted", "assist": it}) for it in (weights, file))
+    env = NavigationEnv("clutter", driver="expert", rate=5.0, shield=True, split="test")
+    mission, readings, commands = driven(own, env, 20)
+    exported.reset(mission)
+    answers = [command.as_action(mission.limits) for command in commands]
+    others = [exported.act(reading).as_action(mission.limits) for reading in readings]
+    assert len(answers) == 20
+    np.testing.assert_allclose(answers, others, rtol=0.0, atol=1e-5)
+    assert np.ptp(answers) > 0.1
 
 
 def test_weights_of_an_assistant_are_no_policy(weights):

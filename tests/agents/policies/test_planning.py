@@ -3,6 +3,7 @@
 import dataclasses
 import sys
 import threading
+from types import SimpleNamespace
 from unittest.mock import Mock
 
 import numpy as np
@@ -18,18 +19,6 @@ from tests.conftest import PATIENCE, long_but, until
 from wheelchair_gym.geometry.planar import to_world
 
 PERIOD = 0.1  # s
-
-
-class SlowPlanner:
-    """A planner that waits until it is allowed to answer."""
-
-    def __init__(self):
-        self.allowed, self.deadlines = threading.Event(), []
-
-    def plan(self, problem, rng, deadline=None):
-        self.deadlines.append(deadline)
-        self.allowed.wait(PATIENCE)
-        return make_planner("a_star").plan(problem, rng)
 
 
 def arrived(planning, taken):
@@ -79,9 +68,15 @@ def test_in_simulated_time_a_plan_takes_as_many_periods_as_it_is_told(planning_t
 
 
 def test_in_real_time_the_loop_goes_on_while_a_plan_is_made():
-    planner = SlowPlanner()
+    allowed, deadlines = threading.Event(), []
+
+    def plan(problem, rng, deadline=None):
+        deadlines.append(deadline)
+        allowed.wait(PATIENCE)
+        return make_planner("a_star").plan(problem, rng)
+
     policy = make_policy({"name": "planned", "planner": {"name": "a_star"}, "deadline": 0.5})
-    policy._made = planner
+    policy._made = SimpleNamespace(plan=plan)
     world = PaperWorld(corridor(12.0, 3.2), (1.0, 0.0, 0.0), (11.0, 0.0, 0.0))
     policy.reset(dataclasses.replace(world.mission, real_time=True))
     assert sys.getswitchinterval() <= 1.01 * SWITCH
@@ -90,15 +85,15 @@ def test_in_real_time_the_loop_goes_on_while_a_plan_is_made():
         assert command.shown.status == "waits: for a plan"
         assert not command.twist.any()
     assert policy.planning.figures.late == 1
-    assert until(lambda: planner.deadlines)
-    assert 0.0 <= planner.deadlines[0] <= 0.5
-    planner.allowed.set()
+    assert until(lambda: deadlines)
+    assert 0.0 <= deadlines[0] <= 0.5
+    allowed.set()
     assert until(lambda: policy.planning._made)
     assert world.step(policy).shown.status == "follows"
     assert policy.planning.figures.stood == pytest.approx(0.9)
     while world.pose[0] < 4.0:
         world.step(policy)
-    planner.allowed.clear()
+    allowed.clear()
     policy.replan()
     before, begun = policy._path, world.pose[0]
     for _ in range(5):
@@ -106,7 +101,7 @@ def test_in_real_time_the_loop_goes_on_while_a_plan_is_made():
     assert policy.planning.busy
     assert world.pose[0] > begun + 0.02  # it goes on by the old path
     assert policy._path is before
-    planner.allowed.set()
+    allowed.set()
     assert until(lambda: policy.planning._made)
     world.step(policy)
     assert policy._path is not before

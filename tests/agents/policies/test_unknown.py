@@ -273,9 +273,8 @@ def test_space_behind_a_wall_is_not_unseen_space_behind_the_chair():
     grid = OccupancyGrid(cells, 0.05, (-2.0, -2.0, 0.0))
     near = np.array([footprint.rear + 0.1, 0.0, 0.0])
     assert local_map.blind_behind(grid, near, footprint)
-    walled = cells.copy()
-    walled[20:60, 39] = OCCUPIED
-    grid = OccupancyGrid(walled, 0.05, (-2.0, -2.0, 0.0))
+    cells[20:60, 39] = OCCUPIED
+    grid = OccupancyGrid(cells, 0.05, (-2.0, -2.0, 0.0))
     assert not local_map.blind_behind(grid, near, footprint)
 
 

@@ -25,7 +25,7 @@ from agents.studio.plan_session import (
     write_problem,
 )
 from planners.problem_files import read_problems
-from tests.agents.studio.served import START, messages, send, serving
+from tests.agents.studio.served import START, messages, send
 from tests.agents.studio.test_server import get
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, read_map, write_map
@@ -122,12 +122,6 @@ def test_what_grew_ends_with_the_plan(name):
     assert made == sorted(set(made))
     found = [frame["length"] for frame in frames if frame["path"]]
     assert found[-1] == pytest.approx(plan.length)
-
-
-@pytest.fixture(scope="module")
-def served(tmp_path_factory):
-    with serving(tmp_path_factory.mktemp("plan")) as one:
-        yield one
 
 
 def post(served, name, content, **headers):

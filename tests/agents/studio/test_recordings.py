@@ -12,7 +12,7 @@ from agents.evaluation.compare import Suite, compare
 from agents.people.recorded_stick import session_of
 from agents.studio.catalogue import places
 from agents.studio.drive import Drive, Order
-from tests.agents.studio.served import START, messages, send, serving
+from tests.agents.studio.served import START, messages, send
 from tests.conftest import json_of, long_but, output_of, refusal
 from tests.hardware.conftest import build_twin
 from wheelchair_gym.base.settings import InputError
@@ -179,16 +179,12 @@ def test_a_recording_that_was_cut_off_is_judged_as_far_as_it_goes(
     assert 0 < len(read_recording(file)[0].actions) <= driven == 12 * 40
 
 
-STATE = 11  # numbers of a state
-
-
 @pytest.fixture(scope="module")
-def served(tmp_path_factory):
+def served(served):
     """A studio beside a run of `compare`."""
-    with serving(tmp_path_factory.mktemp("compare")) as one:
-        small = Suite("small", ("straight", "a_star+window"), ("clutter",), 1, video=False)
-        one.results = compare(small, one.studio.runs / "small", progress=False)
-        yield one
+    small = Suite("small", ("straight", "a_star+window"), ("clutter",), 1, video=False)
+    served.results = compare(small, served.studio.runs / "small", progress=False)
+    return served
 
 
 def tracks(socket, count=2):
@@ -213,7 +209,7 @@ def test_a_run_is_driven_again_as_it_was(served):
         assert figures["outcome"] == record["outcome"]
         assert figures["time"] == pytest.approx(record["time"], abs=1e-3)
         assert figures["clearance_min"] == pytest.approx(record["clearance_min"], abs=1e-4)
-        assert {len(state) for state in found[side]["states"]} == {STATE}
+        assert {len(state) for state in found[side]["states"]} == {11}  # numbers
         contacts = [event for event in found[side]["events"] if event[1] == "contact"]
         assert bool(contacts) == (record["outcome"] == "collision")
 

@@ -19,16 +19,10 @@ from agents.studio.messages import read_message
 from agents.studio.plan_session import PlanSession
 from agents.studio.server import listening_socket
 from agents.studio.session import CompareSession, DriveSession
-from tests.agents.studio.served import START, messages, send, serving
+from tests.agents.studio.served import START, messages, send
 from tests.conftest import PATIENCE, output_of, until
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.recording.replay import read_recording
-
-
-@pytest.fixture(scope="module")
-def served(tmp_path_factory):
-    with serving(tmp_path_factory.mktemp("studio")) as one:
-        yield one
 
 
 @pytest.fixture(autouse=True)
@@ -151,13 +145,8 @@ def test_only_files_of_the_folder_are_given(served, name):
 
 def cut_off(socket):
     """The server ends the connection."""
-    end = time.monotonic() + PATIENCE
-    try:
-        while time.monotonic() < end:
-            socket.recv(timeout=PATIENCE)
-    except ConnectionClosed:
-        return
-    raise AssertionError("the connection is still open")
+    with pytest.raises(ConnectionClosed):
+        until(lambda: socket.recv(timeout=PATIENCE) is None)
 
 
 def test_broken_messages_are_answered_and_then_cut_off(served):
