@@ -1,7 +1,5 @@
 """The drive board's mind on a bench: two wheels that follow their volts, and faults on command."""
 
-from __future__ import annotations
-
 import math
 
 from tests.hardware.native import NativeDrive

@@ -1,7 +1,5 @@
 """The firmware's pure part as a native library."""
 
-from __future__ import annotations
-
 import ctypes as c
 from pathlib import Path
 

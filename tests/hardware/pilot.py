@@ -1,7 +1,5 @@
 """A host at the twin's wires: commands every 20 ms, odometry and ranges heard."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tests.sim.worlds import box

@@ -1,7 +1,5 @@
 """Laws of a joystick at the host, over devices that a test moves: held or standing."""
 
-from __future__ import annotations
-
 import termios
 from typing import NamedTuple
 from unittest.mock import Mock

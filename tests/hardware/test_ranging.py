@@ -1,7 +1,5 @@
 """The range board's mind, run natively: who fires when, what an echo means, how old it is."""
 
-from __future__ import annotations
-
 import ctypes
 import itertools
 

@@ -1,7 +1,5 @@
 """Laws of a chair under ROS: driven by the same loop, and told to stop after every fault."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import json

@@ -1,7 +1,5 @@
 """A viewer joins over a real WebSocket, late, and is told all it needs to draw, at rate."""
 
-from __future__ import annotations
-
 import base64
 import json
 import struct

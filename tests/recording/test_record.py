@@ -1,7 +1,5 @@
 """Laws of recordings: any reader opens them; replayed, they are judged the same to the bit."""
 
-from __future__ import annotations
-
 import errno
 import json
 import resource

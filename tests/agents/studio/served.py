@@ -1,7 +1,5 @@
 """The studio, served in this process, and a browser: one of each for a module of tests."""
 
-from __future__ import annotations
-
 import json
 import threading
 import time

@@ -1,7 +1,5 @@
 """The page in a browser: people drive by keys, touch, gamepad and switch, and can read it."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

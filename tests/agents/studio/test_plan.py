@@ -1,7 +1,5 @@
 """Maps that people draw are what planners, problem files and map files get."""
 
-from __future__ import annotations
-
 import json
 from types import SimpleNamespace
 from urllib.parse import unquote

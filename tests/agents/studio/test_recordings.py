@@ -1,7 +1,5 @@
 """Recordings of drives: what they hold, and two of them, or two drives, side by side."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The server refuses whom it does not know, and a chair that is let go stops."""
 
-from __future__ import annotations
-
 import contextlib
 import http.client
 import json

@@ -1,7 +1,5 @@
 """An experiment in the browser, from consent to the data, by keys; and what is refused."""
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 import json
