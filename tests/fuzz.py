@@ -402,9 +402,10 @@ def _entry(folder: Path) -> Path:
     from agents.benchmarks import tracks
 
     one = {"scene": "crowd", "seed": 0, "success": False, "contact": 0, "at_fault": 0}
-    episodes = [one | {"clearance_min": 0.1, "plan_ms": 1.0, "act_ms_p50": 1.0}]
+    one |= {"clearance_min": 0.1, "plan_ms": 1.0, "act_ms_p50": 1.0}
+    episodes = [dict.fromkeys(tracks.FIGURES, 0.0) | one]
     result = dict.fromkeys(tracks.NEEDED - {"digest"}, "") | {"benchmark": tracks.VERSION}
-    result |= {"episodes": episodes} | tracks.summary(episodes)
+    result |= {"machine": {"cpu": ""}, "episodes": episodes} | tracks.summary(episodes)
     return put(folder / "people.json", result | {"digest": tracks._digest(result)})
 
 

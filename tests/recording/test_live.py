@@ -7,6 +7,7 @@ import threading
 from functools import partial
 from types import SimpleNamespace
 from typing import Any, get_args
+from unittest.mock import Mock
 
 import gymnasium as gym
 import numpy as np
@@ -102,7 +103,9 @@ def decoded(channel, data):
     return DecoderFactory().decoder_for(channel["encoding"], schema)(data)
 
 
-def test_a_port_that_is_taken_or_none_is_one_line_and_no_file_is_begun(capsys, tmp_path):
+def test_a_port_that_is_taken_or_none_is_one_line_and_no_file_is_begun(
+    capsys, tmp_path, monkeypatch
+):
     env = RecordEpisodes(gym.make("wheelchair_gym/Navigation-v1", split="test"), port=0)
     for port in (env.port, 70_000):
         assert f"port {port}" in refusal(["simulate", "--scene", "empty", "--live", port], capsys)
@@ -110,11 +113,12 @@ def test_a_port_that_is_taken_or_none_is_one_line_and_no_file_is_begun(capsys, t
         with pytest.raises(InputError, match=f"port {env.port}"):
             Sink(tmp_path / "run.mcap", env.port, kind)
     assert not list(tmp_path.iterdir())
-    port = env.port
     env.close()
+    server = Mock(port=1)
+    monkeypatch.setattr("foxglove.start_server", lambda **_: server)
     with pytest.raises(InputError, match="cannot be written"):
-        Sink(tmp_path, port)
-    Sink(port=port).close()  # the server of the one that was refused is gone
+        Sink(tmp_path, 0)
+    server.stop.assert_called_once()
 
 
 @pytest.fixture

@@ -148,6 +148,8 @@ class SimulatedChair(Chair):
         Raises:
             ValueError: the chair was never reset, or it was closed.
         """
+        if self._episode is None:
+            raise ValueError("the chair was never reset, or it was closed")
         if self._truth is None:
             values = self._values(SENSED_TRUTH)
             actors = self._world.actor_poses() if self._moves else NO_POSES
@@ -155,10 +157,10 @@ class SimulatedChair(Chair):
         return self._truth
 
     def reading(self) -> Reading:
-        """The latest reading.
+        """The latest reading, also of a chair that was closed since.
 
         Raises:
-            ValueError: the chair was never reset, or it was closed.
+            ValueError: the chair was never reset.
         """
         values, columns = self._values(SENSED_READING), self.sensors.ultrasonic.columns
         values |= {name: values[name][:columns] for name in ("ultrasonic", "age")}
@@ -166,8 +168,8 @@ class SimulatedChair(Chair):
 
     def _values(self, signals: Sequence[Signal]) -> dict[str, Any]:
         """Return signals of `sensed` by their names."""
-        if self._episode is None:
-            raise ValueError("the chair was never reset, or it was closed")
+        if not self.sensed.size:
+            raise ValueError("the chair was never reset")
         values = dict(zip(_COLUMNS, self.sensed.item(), strict=True))
         return {signal.name: values[signal.column] for signal in signals}
 
