@@ -1,6 +1,7 @@
 """Laws of files: any content is read or refused in one line, within the limits."""
 
 import ast
+import contextlib
 import io
 import json
 import os
@@ -103,7 +104,7 @@ def test_every_function_that_opens_files_is_fuzzed():
 @pytest.mark.parametrize("count", [20, pytest.param(2000, marks=pytest.mark.long)])
 def test_mutations_of_valid_files_are_read_or_refused(count):
     """Nothing crashes, hangs, fills the memory or ends in a traceback."""
-    with Watched() as watched:
+    with contextlib.closing(Watched()) as watched:
         failed = {
             name: found["failed"]
             for name in READERS
