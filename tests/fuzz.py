@@ -372,10 +372,11 @@ COMPARISON = {
 
 
 def _entry(folder: Path) -> Path:
-    one = {"scene": "crowd", "seed": 0, "success": False, "contact": 0, "at_fault": 0}
+    one = dict.fromkeys(tracks.FIGURES, 0) | {"scene": "crowd", "seed": 0, "success": False}
     episodes = [one | {"clearance_min": 0.1, "plan_ms": 1.0, "act_ms_p50": 1.0}]
-    result = dict.fromkeys(tracks.NEEDED - {"digest"}, "") | {"benchmark": tracks.VERSION}
-    result |= {"episodes": episodes} | tracks.summary(episodes)
+    result = dict.fromkeys(tracks.NEEDED - {"digest"}, "")
+    result |= {"benchmark": tracks.VERSION, "machine": {"cpu": ""}, "episodes": episodes}
+    result |= tracks.summary(episodes)
     return put(folder / "people.json", result | {"digest": tracks._digest(result)})
 
 
