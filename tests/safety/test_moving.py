@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 
-from tests.safety.test_shield import AHEAD, STILL, among_people, drive
+from tests.safety.test_shield import AHEAD, STILL, among_people, begin, drive
 from tests.sim.worlds import box
 from wheelchair_gym.actors.records import NOBODY, person
 from wheelchair_gym.safety import Shield, ShieldSettings
 from wheelchair_gym.safety.moving import _owner, may_reach_point, spread_tracked
 from wheelchair_gym.safety.state import NEARBY, ShieldConstants
 from wheelchair_gym.sensors.settings import SensorSettings
-from wheelchair_gym.sim.chair import SimulatedChair
 from wheelchair_gym.sim.settings import ChairSettings
 
 TRACKS, NONE = ShieldSettings(), ShieldSettings(tracks=False)
@@ -146,9 +145,8 @@ def test_where_nothing_moves_nobody_is_tracked_and_nothing_changes():
 
 def test_a_clock_that_stands_still_leaves_nobody_tracked():
     """Scans that come with one stamp show no velocity."""
-    chair, shield = SimulatedChair(), Shield()
     walker = person([(1.5, -2.0), (1.5, 2.0)], 1.0, avoids=NOBODY)
-    reading = chair.reset(box(8.0, actors=[walker]), 3)
+    chair, shield, reading = begin(box(8.0, actors=[walker]), 3)
     for _ in range(20):
         shield.filter(STILL, reading)
         reading = chair.drive(STILL)
