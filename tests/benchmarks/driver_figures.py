@@ -13,16 +13,14 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents.evaluation.assisted import StickTrace
 from agents.evaluation.statistics import mean_interval, ratio_interval, wilson
 from agents.evaluation.tables import markdown_table
+from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.envs import NavigationVectorEnv
 from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.types import Stick
-
-Array = NDArray[np.float64]
 
 PERIOD = 0.1  # s: a step
 TIME = 120.0  # s: the time limit, with ten times the time of the shortest way

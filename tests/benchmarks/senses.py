@@ -16,15 +16,14 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tests.sim.worlds import box, step
+from wheelchair_gym.base.arrays import Floats
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.safety import Shield
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 from wheelchair_gym.sim.chair import SimulatedChair
 
-Floats = NDArray[np.float32]
 Deceit = Callable[[Floats, float], Floats]  # of a scan at a time [s]
 PERIOD = 0.02  # s: of control, and of the laser
 ONSET = 1.5  # s: of faults that begin on the way

@@ -16,11 +16,11 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tests.conftest import SHARED
 from tests.sim.worlds import box, step
 from wheelchair_gym.actors.records import DOOR, NOBODY, PERSON, person
+from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.geometry.planar import to_frame, to_world, wrap_angle
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.perception.logs import LASER, read_log
@@ -35,8 +35,6 @@ from wheelchair_gym.sensors.laser import WORKSPACE_ROWS, LaserArrays, sense_lase
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 from wheelchair_gym.sim.chair import SimulatedChair
 from wheelchair_gym.types import Episode, Reading
-
-Array = NDArray[np.float64]
 
 SPEEDS, RANGES = (0.3, 0.75, 1.25, 2.5), (0.0, 2.5, 5.0, 8.0)  # edges of bins: m/s, m
 VISIBLE = 0.5  # share of a person's beams that must reach them
