@@ -15,6 +15,7 @@ from hypothesis import HealthCheck, settings
 from wheelchair_gym.base.errors import InputError
 
 ROOT = Path(__file__).resolve().parents[1]
+PACKAGES = ("wheelchair_gym", "planners", "agents")
 SHARED = Path(os.environ.get("WHEELCHAIR_SHARED", ROOT.parent / "shared"))
 # Where nothing is compiled yet, a worker must not wait for what another compiles: one begins with
 # the environment's kernels, the other with tests of no kernels, and goes on to the planners'.
@@ -88,6 +89,13 @@ def put(path: Path, content: Any) -> Path:
 
 
 json_file = put
+
+
+def modules() -> Iterator[tuple[str, Path]]:
+    """Yield the dotted name and the file of each module of the project."""
+    for package in PACKAGES:
+        for path in sorted((ROOT / package).rglob("*.py")):
+            yield ".".join(path.relative_to(ROOT).with_suffix("").parts), path
 
 
 def python(code: str, *words: object) -> subprocess.CompletedProcess[str]:

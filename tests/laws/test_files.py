@@ -18,13 +18,12 @@ from agents.cli import main
 from agents.evaluation.runs import compute, read_store
 from agents.learning.weights import load_weights, save_weights
 from tests.agents.learning.tiny_runs import random_weights
-from tests.conftest import ROOT, refusal
+from tests.conftest import ROOT, modules, put, refusal
 from tests.fuzz import READERS, Watched, fuzz
 from wheelchair_gym.base.errors import InputError
 from wheelchair_gym.base.files import LIMITS, atomic_write, exists
 from wheelchair_gym.envs.settings import env_settings
 
-PACKAGES = ("wheelchair_gym", "planners", "agents")
 OPENING = {"read_bytes", "read_text", "read_json", "opened", "open", "imread"}
 LOADING = {"joblib.load", "torch.load", "np.load", "json.load", "yaml.load", "pickle.load"}
 # Functions that open what no stranger gives, and why each needs no case among the readers.
@@ -77,12 +76,10 @@ OWN = {
 
 def opening_functions():
     """Functions of the project, as module.function, that open files."""
-    for package in PACKAGES:
-        for path in sorted((ROOT / package).rglob("*.py")):
-            module = ".".join(path.relative_to(ROOT / package).with_suffix("").parts)
-            for node in ast.walk(ast.parse(path.read_text())):
-                if isinstance(node, ast.FunctionDef) and any(map(opens, ast.walk(node))):
-                    yield f"{module}.{node.name}"
+    for name, path in modules():
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.FunctionDef) and any(map(opens, ast.walk(node))):
+                yield f"{name.partition('.')[2]}.{node.name}"
 
 
 def opens(node):
@@ -152,27 +149,24 @@ def plan(file):
 
 def plan_map(text, image=b""):
     def case(folder):
-        (folder / "map.yaml").write_text(text)
         (folder / "map.png").write_bytes(image)
-        return plan(folder / "map.yaml")
+        return plan(put(folder / "map.yaml", text))
 
     return case
 
 
 def problem(text=None, **changes):
     def case(folder):
-        content = json.dumps([PROBLEM | changes]) if text is None else text
-        (folder / "problem_files.json").write_text(content)
-        return ["plan", "--problems", folder / "problem_files.json", "--planner", "visibility"]
+        file = put(folder / "problem_files.json", text or [PROBLEM | changes])
+        return ["plan", "--problems", file, "--planner", "visibility"]
 
     return case
 
 
 def config(content):
     def case(folder):
-        text = content if isinstance(content, str) else json.dumps(content)
-        (folder / "env.json").write_text(text)
-        return ["simulate", "--policy", "straight", "--config", folder / "env.json"]
+        file = put(folder / "env.json", content)
+        return ["simulate", "--policy", "straight", "--config", file]
 
     return case
 
