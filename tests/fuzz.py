@@ -22,6 +22,7 @@ import traceback
 import zipfile
 import zlib
 from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -477,8 +478,7 @@ def _use_recording(path: Path) -> None:
     sensor_log(path)
 
 
-def _bag(folder: Path) -> Path:
-    return _recording(folder, "ros2")
+_bag = partial(_recording, format="ros2")
 
 
 def _use_bag(path: Path) -> None:

@@ -11,7 +11,6 @@ import dataclasses
 import math
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -50,20 +49,14 @@ PUSH = 250.0  # N, of a person, either way
 STRIPS = (Switch.FRONT, Switch.REAR, Switch.LEFT, Switch.RIGHT)
 
 
-@dataclass
 class Ride:
     """A pilot of a chair of its own mass, and what is looked at in each millisecond."""
 
-    rng: np.random.Generator
-    chair: ChairSettings = field(default_factory=ChairSettings)
-    pilot: Pilot = field(init=False)
-
-    def __post_init__(self) -> None:
-        body = BodySettings(mass=float(self.rng.uniform(*MASSES)))
-        self.pilot = Pilot(chair=dataclasses.replace(self.chair, body=body))
+    def __init__(self, rng: np.random.Generator, chair: ChairSettings) -> None:
+        body = BodySettings(mass=float(rng.uniform(*MASSES)))
+        self.rng, self.pilot = rng, Pilot(chair=dataclasses.replace(chair, body=body))
         self.twin = self.pilot.twin
         self.twin.range.run = lambda _cycle: None  # it has no part in this, and takes half the time
-        self._counts = (0.0, 0.0)
 
     def each(self, seconds: float):
         """Advance time; yield the speeds of both rims [m/s] after each millisecond."""

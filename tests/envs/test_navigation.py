@@ -13,21 +13,14 @@ from stable_baselines3.common.env_checker import check_env as sb3_check_env
 import wheelchair_gym
 from tests.conftest import ROOT
 from tests.envs.digests import digests_of
-from tests.sim.worlds import box
-from wheelchair_gym.maps import OccupancyGrid
-from wheelchair_gym.types import Episode
+from wheelchair_gym.scenes.arena import make_arena
 
 IDS = ["wheelchair_gym/Navigation-v1", "wheelchair_gym/GuidedNavigation-v1"]
 
 
-def room(start, goal, half=4.0):
+def room(start, goal):
     """An empty square room with its map."""
-    plain = box(half)
-    n = round(2 * half / 0.05) + 2
-    cells = np.full((n, n), 100, np.int8)
-    cells[1:-1, 1:-1] = 0
-    grid = OccupancyGrid(cells, 0.05, (-half - 0.05, -half - 0.05, 0.0))
-    return Episode(map=grid, start=np.array(start), goal=np.array(goal), walls=plain.walls)
+    return make_arena((-4.0, -4.0, 4.0, 4.0)).episode(np.array(start), np.array(goal), "room")
 
 
 CHECKED = [

@@ -409,35 +409,20 @@ def test_a_failed_sensor_of_the_simulation_is_what_the_shield_latches():
         assert len(latched) == 1 or kind not in FAULTS
 
 
-def among_people(*people, start=(0.0, 0.0, 0.0), twist=AHEAD, seconds=3.0, shield=None):
-    """Ask for one twist among people in a wide room: decisions, truths, and the shield's marks."""
-    chair, shield = SimulatedChair(), shield or Shield()
-    reading, told = chair.reset(box(8.0, start, actors=people), 3), []
-    for _ in range(round(seconds / 0.1)):
-        before = chair.truth
-        given = shield.filter(np.asarray(twist, float), reading)
-        state = shield.state[0]
-        marks = state["marks"][: state["n_marks"]].copy()
-        # Marks are dead-reckoned; in the chair's frame, as who moves is.
-        at = to_frame(np.column_stack([marks["x"], marks["y"]]), state["pose"])
-        told.append((shield.decision, before, at))
-        reading = chair.drive(given, shield.decision.protective)
-    return told
-
-
 def test_a_person_who_walks_up_from_behind_does_not_stop_it():
     follower = person([(-3.2, 0.9), (7.0, 0.9)], 0.6, avoids=NOBODY)
-    told = among_people(follower, start=(-2.0, 0.0, 0.0), seconds=6.0)
-    assert not any(decision.reason == "moving" for decision, _, _ in told)
-    assert told[-1][1].twist[0] > 0.75
+    trace, chair, _ = drive((-2.0, 0.0, 0.0), AHEAD, 6.0, half=8.0, actors=[follower])
+    assert not any(decision.reason == "moving" for decision, _ in trace)
+    assert chair.truth.twist[0] > 0.75
 
 
 def test_a_person_who_steps_before_it_stops_it():
-    told = among_people(person([(2.6, 4.0), (2.6, -4.0)], 1.2, avoids=NOBODY), seconds=5.0)
-    assert any(decision.reason == "moving" for decision, _, _ in told)
-    assert not any(truth.at_fault for _, truth, _ in told)
-    speeds = np.array([truth.twist[0] for _, truth, _ in told])
-    hard = np.array([decision.protective for decision, _, _ in told])[:-1]
+    crosses = person([(2.6, 4.0), (2.6, -4.0)], 1.2, avoids=NOBODY)
+    trace, _, _ = drive((0.0, 0.0, 0.0), AHEAD, 5.0, half=8.0, actors=[crosses])
+    assert any(decision.reason == "moving" for decision, _ in trace)
+    assert not hits(trace)
+    speeds = np.array([truth.twist[0] for _, truth in trace])
+    hard = np.array([decision.protective for decision, _ in trace])[1:]
     assert np.diff(speeds)[hard].min() < -0.15  # a period of a protective stop
 
 
@@ -452,9 +437,9 @@ def test_on_its_way_through_rest_it_is_not_at_rest(speed):
 def test_a_person_who_has_left_its_view_may_stand_behind_it():
     """Somebody walks past a chair that turns, and on behind it, where the laser sees nothing."""
     passer = person([(3.0, -1.2), (-4.0, -1.2)], 1.2, avoids=NOBODY)
-    told = among_people(passer, twist=LEFT, seconds=4.5)
-    ahead = [to_frame(truth.actor_poses[:1, :2], truth.pose)[0, 0] for _, truth, _ in told]
-    turns = np.array([LEVER * truth.twist[1] for _, truth, _ in told])
+    trace, _, _ = drive((0.0, 0.0, 0.0), LEFT, 4.5, half=8.0, actors=[passer])
+    ahead = [to_frame(truth.actor_poses[:1, :2], truth.pose)[0, 0] for _, truth in trace]
+    turns = np.array([LEVER * truth.twist[1] for _, truth in trace])
     seen, hidden = np.array(ahead) > 0.0, np.array(ahead) < -1.4
     assert turns[seen].max() > 0.07  # as fast as it may where nobody has seen
     assert hidden.sum() > 5
