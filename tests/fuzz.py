@@ -249,11 +249,13 @@ def _mutated_png(data: bytes, rng: np.random.Generator) -> bytes:
     else:
         content = flipped(content, rng)
     chunks[which] = kind, content
-    out = data[:8]
-    for kind, content in chunks:
-        check = zlib.crc32(kind + content).to_bytes(4, "big")
-        out += len(content).to_bytes(4, "big") + kind + content + check
-    return out
+    return data[:8] + b"".join(png_chunk(*chunk) for chunk in chunks)
+
+
+def png_chunk(kind: bytes, content: bytes) -> bytes:
+    """A chunk of a PNG, with its checksum."""
+    check = zlib.crc32(kind + content).to_bytes(4, "big")
+    return len(content).to_bytes(4, "big") + kind + content + check
 
 
 YARD = ["." * 40] * 12 + ["." * 15 + "@T" * 5 + "." * 15] * 8 + ["." * 20 + "GS" * 10] * 10

@@ -19,7 +19,7 @@ from agents.evaluation.runs import compute, read_store
 from agents.learning.weights import load_weights, save_weights
 from tests.agents.learning.tiny_runs import random_weights
 from tests.conftest import ROOT, modules, put, refusal
-from tests.fuzz import READERS, Watched, fuzz
+from tests.fuzz import READERS, Watched, fuzz, png_chunk
 from wheelchair_gym.base.errors import InputError
 from wheelchair_gym.base.files import LIMITS, atomic_write, exists
 from wheelchair_gym.envs.settings import env_settings
@@ -117,10 +117,7 @@ def png(width, height, data=b""):
     """A PNG whose header says so."""
     chunks = ((b"IHDR", width.to_bytes(4, "big") + height.to_bytes(4, "big") + b"\x08\0\0\0\0"),
               (b"IDAT", zlib.compress(data)), (b"IEND", b""))  # fmt: skip
-    return b"\x89PNG\r\n\x1a\n" + b"".join(
-        len(data).to_bytes(4, "big") + kind + data + zlib.crc32(kind + data).to_bytes(4, "big")
-        for kind, data in chunks
-    )
+    return b"\x89PNG\r\n\x1a\n" + b"".join(png_chunk(*chunk) for chunk in chunks)
 
 
 def bomb(kind="<f4", shape="(8000000000,)"):
@@ -276,9 +273,6 @@ def test_weights_name_no_code(tmp_path, key, named):
     assert "this" not in sys.modules
 
 
-# ---- stores
-
-
 def square(job):
     return {"value": job * job}
 
@@ -314,9 +308,6 @@ def test_a_store_that_is_a_pipe_is_refused(tmp_path):
     os.mkfifo(tmp_path / "episodes.jsonl")
     with pytest.raises(InputError, match="not a regular file"):
         compute({"0": 0}, square, tmp_path / "episodes.jsonl", progress=False)
-
-
-# ---- standard output
 
 
 FULL, CLOSED = (
@@ -367,9 +358,6 @@ def test_so_is_help_and_the_end_of_the_program(words, code, says):
     assert done.stderr.startswith(says)
     assert done.stderr.count("\n") == (1 if says else 0)
     assert done.returncode == code
-
-
-# ---- documentation
 
 
 def test_the_page_of_files_names_every_limit():
