@@ -106,6 +106,15 @@ def python(code: str, *words: object) -> subprocess.CompletedProcess[str]:
     )
 
 
+def steps_of(env: Any, action: Any) -> Iterator[Any]:
+    """Step with one action to the end of the episode; yield what each step returns."""
+    over = False
+    while not over:
+        told = env.step(action)
+        over = told[2] or told[3]
+        yield told
+
+
 def need_pty():
     """A skip where the machine has no pseudo-terminals."""
     try:
