@@ -725,7 +725,7 @@ def work() -> None:
     paths: dict[str, Path] = {}
     with tempfile.TemporaryDirectory() as top:
         for line in sys.stdin:
-            name, number = json.loads(line)
+            (name, number), said = json.loads(line), ""
             if name not in valid:
                 resource.setrlimit(resource.RLIMIT_AS, (resource.RLIM_INFINITY,) * 2)
                 folder = Path(top) / name.replace(" ", "_")
@@ -736,14 +736,11 @@ def work() -> None:
                 hard = resource.getrlimit(resource.RLIMIT_AS)[1]
                 held = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
                 resource.setrlimit(resource.RLIMIT_AS, (held + MEMORY, hard))
-                if said:
-                    answers.write(json.dumps({"said": f"the valid file: {said}"}) + "\n")
-                    continue
-            if number < 0:
-                answers.write(json.dumps({"said": ""}) + "\n")
-                continue
-            paths[name].write_bytes(input_of(name, valid[name], number))
-            answers.write(json.dumps({"said": judged(name, paths[name])}) + "\n")
+                said = said and f"the valid file: {said}"
+            if number >= 0 and not said:
+                paths[name].write_bytes(input_of(name, valid[name], number))
+                said = judged(name, paths[name])
+            answers.write(json.dumps({"said": said}) + "\n")
 
 
 class Watched:

@@ -81,23 +81,21 @@ class Ride(Pilot):
         assert self.now.mode == Mode.MANUAL
 
 
-def stick_drivers(twin, rng, down):
-    """Left, right or both drivers give a duty of 0.6 to 1 for good; on a slope, down it."""
-    sides = ((0,), (1,), (0, 1))[int(rng.integers(3))]
-    duty = float(rng.uniform(0.6, 1.0)) * (1.0 if down or rng.random() < 0.5 else -1.0)
-    for side in sides:
-        twin.faults.stuck_drivers[side] = duty
-
-
 def runaway(pilot, twin, rng, v, angle, mode):
-    """Drivers stick while somebody drives, lets go, or stands."""
+    """Left, right or both drivers stick while somebody drives, lets go, or stands.
+
+    They give a duty of 0.6 to 1 for good; on a slope, down it.
+    """
     if mode == "manual":
         pilot.manual(v / 0.4, 2.0)
     else:
         pilot.start(v, 0.0, 2.4 if v else 0.1)
     twin.faults.slope = Slope(angle) if angle else None
     pilot.run(0.3)
-    stick_drivers(twin, rng, angle > 0.0)
+    sides = ((0,), (1,), (0, 1))[int(rng.integers(3))]
+    duty = float(rng.uniform(0.6, 1.0)) * (1.0 if angle > 0.0 or rng.random() < 0.5 else -1.0)
+    for side in sides:
+        twin.faults.stuck_drivers[side] = duty
     if mode == "manual":  # and lets go
         twin.faults.joystick = JoystickState(forward=1.0, manual=True)
     elif mode == "stopping":

@@ -111,9 +111,7 @@ def test_an_estimated_pose_must_be_nearer_before_it_says_arrived():
     episode = room((-2.0, 0.0, 0.0), (1.0, 0.0, 0.0))
     for seed in range(20):
         env.reset(seed=seed, options={"episode": episode})
-        terminated = False
-        while not terminated:
-            *_, terminated, _, info = env.step(np.array([0.6, 0.0]))
+        *_, (*_, info) = steps_of(env, np.array([0.6, 0.0]))
         truths.append(info["is_success"])
     assert all(truths)
 
