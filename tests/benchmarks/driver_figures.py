@@ -164,8 +164,7 @@ def rows(n: int) -> list[tuple[str, str, str]]:
         ),
         (
             "the variability of the stick's direction is alike", "Sorrento 2011",
-            "`expert` to `novice`: sideways "
-            f"{ratio('expert', 'novice', 'sideways', n, 'spread')}",
+            f"`expert` to `novice`: sideways {ratio('expert', 'novice', 'sideways', n, 'spread')}",
         ),
         (
             "with neglect of the left, more direct hits", "Webster 1989, 12 and 12 people",
@@ -180,8 +179,7 @@ def rows(n: int) -> list[tuple[str, str, str]]:
         ),
         (
             "with neglect of the left, left of the corridor's middle", "Turton 2009",
-            f"cm to the left: `hemineglect` {left}, `expert` "
-            f"{expert_left}",
+            f"cm to the left: `hemineglect` {left}, `expert` {expert_left}",
         ),
         (
             "a second task makes most unassisted drivers crash", "Carlson and Demiris",

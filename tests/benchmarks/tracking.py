@@ -276,13 +276,12 @@ Row = tuple[str, Callable[[int], Episode], int, float, bool, float, int, str, bo
 
 def rows() -> Iterator[Row]:
     """Yield the measured rows."""
+    stands = (4, 20.0, False, 10.0, 1081, "odometry", False)
     for speed in (0.5, 1.0, 1.5):
-        one = (4, 20.0, False, 10.0, 1081, "odometry", False)
-        yield f"one across, {speed:g} m/s", walkers(speed, True), *one
-        yield f"one along, {speed:g} m/s", walkers(speed, False), *one
-    three = (4, 20.0, False, 10.0, 1081, "odometry", False)
-    yield "three abreast, across, 1 m/s", walkers(1.0, True, 3), *three
-    yield "three abreast, along, 1 m/s", walkers(1.0, False, 3), *three
+        yield f"one across, {speed:g} m/s", walkers(speed, True), *stands
+        yield f"one along, {speed:g} m/s", walkers(speed, False), *stands
+    yield "three abreast, across, 1 m/s", walkers(1.0, True, 3), *stands
+    yield "three abreast, along, 1 m/s", walkers(1.0, False, 3), *stands
     for moving in (False, True):
         word = "drives" if moving else "stands"
         yield f"hall, {word}", scene(HALL), 8, 30.0, moving, 10.0, 1081, "odometry", False

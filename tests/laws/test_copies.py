@@ -5,6 +5,7 @@ Copies of planners and of scenes: tests/planners/test_planners.py, tests/scenes/
 
 import copy
 import pickle
+from operator import methodcaller
 
 import gymnasium as gym
 import numpy as np
@@ -63,8 +64,7 @@ def forward(rng, shape=(2,)):
     return action.astype(np.float32)
 
 
-def begin(env):
-    return env.reset()
+begin = methodcaller("reset")
 
 
 def step_single(env, rng):
