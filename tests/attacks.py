@@ -7,7 +7,8 @@ or the other thing's surface there, lay unoccluded in some sensor's field at a m
 """
 
 import math
-from dataclasses import dataclass
+from collections import Counter
+from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from tests.edges import POSTS, SCREEN, SLABS, Edges
 from wheelchair_gym.actors.bodies import actors_of, shapes_of
+from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.compiled.random import episode_key, uniform
 from wheelchair_gym.envs import NavigationVectorEnv
@@ -26,8 +28,6 @@ from wheelchair_gym.safety.grid import place_of_cell
 from wheelchair_gym.safety.state import CELL, outline_samples
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sim.state import FAULTS
-
-Array = NDArray[np.float64]
 
 KINDS: Final = (
     "random", "ahead", "wall", "actor", "edge", "backwards", "pivot", "switches", "greedy",
@@ -305,26 +305,20 @@ class Event(NamedTuple):
 class Report:
     """Result of attacks."""
 
-    attacks: int
-    contacts: int  # of any kind and cause
-    events: list[Event]
-    reasons: dict[str, int]  # periods in which a shield let a twist pass ("") or changed it
-    cells: dict[str, list[int]]  # by kind, rate and mass: attacks, and contacts of any kind
-
-    def told(self, info: Any, live: NDArray[np.bool_]) -> None:
-        """Count what a shield decided."""
-        if "shield" in info:
-            names, counts = np.unique(info["shield"]["reason"][live], return_counts=True)
-            for name, count in zip(names.tolist(), counts.tolist(), strict=True):
-                self.reasons[name] = self.reasons.get(name, 0) + count
+    attacks: int = 0
+    contacts: int = 0  # of any kind and cause
+    events: list[Event] = field(default_factory=list)
+    # Periods in which a shield let a twist pass ("") or changed it.
+    reasons: Counter[str] = field(default_factory=Counter)
+    # By kind, rate and mass: attacks, and contacts of any kind.
+    cells: dict[str, list[int]] = field(default_factory=dict)
 
     def add(self, other: "Report") -> None:
         """Take in another."""
         self.attacks += other.attacks
         self.contacts += other.contacts
         self.events += other.events
-        for name, count in other.reasons.items():
-            self.reasons[name] = self.reasons.get(name, 0) + count
+        self.reasons.update(other.reasons)
         for name, counts in other.cells.items():
             self.count(name, *counts)
 
@@ -338,11 +332,6 @@ def cell_of(kind: str, rate: float, mass: float) -> str:
     """The cell of the table for a kind, a rate [Hz] and a mass [kg]."""
     band = max(0, min(len(MASSES) - 2, int(np.searchsorted(MASSES, mass, "right")) - 1))
     return f"{kind},{rate:g},{MASSES[band]:g}-{MASSES[band + 1]:g}"
-
-
-def blank() -> Report:
-    """A report of no attacks."""
-    return Report(0, 0, [], {}, {})
 
 
 @borrowing_kernel
@@ -423,8 +412,7 @@ class Attack:
         others = np.full((memory, n, _ACTORS, 2), np.nan)
         chairs = env.chairs.parameters
         actions = np.zeros((n, 2))
-        report, touched, at = blank(), np.zeros(n, np.bool_), 0
-        report.attacks = n * each
+        report, touched, at = Report(n * each), np.zeros(n, np.bool_), 0
         poses[0], twists[0] = info["pose"], info["twist"]
         places(worlds, others[0])
         keys, kinds = self._draw(seed, done)
@@ -440,7 +428,8 @@ class Attack:
             poses[now], twists[now] = info["pose"], info["twist"]
             places(worlds, others[now])
             live = (done < each) & ~begun
-            report.told(info, live)
+            if "shield" in info:
+                report.reasons.update(info["shield"]["reason"][live].tolist())
             contact = info["contact"] & live
             report.contacts += int((contact & ~touched).sum())
             touched |= contact

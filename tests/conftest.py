@@ -15,6 +15,7 @@ from hypothesis import HealthCheck, settings
 from wheelchair_gym.base.errors import InputError
 
 ROOT = Path(__file__).resolve().parents[1]
+PACKAGES = ("wheelchair_gym", "planners", "agents")
 SHARED = Path(os.environ.get("WHEELCHAIR_SHARED", ROOT.parent / "shared"))
 # Where nothing is compiled yet, a worker must not wait for what another compiles: one begins with
 # the environment's kernels, the other with tests of no kernels, and goes on to the planners'.
@@ -90,12 +91,28 @@ def put(path: Path, content: Any) -> Path:
 json_file = put
 
 
+def modules() -> Iterator[tuple[str, Path]]:
+    """Yield the dotted name and the file of each module of the project."""
+    for package in PACKAGES:
+        for path in sorted((ROOT / package).rglob("*.py")):
+            yield ".".join(path.relative_to(ROOT).with_suffix("").parts), path
+
+
 def python(code: str, *words: object) -> subprocess.CompletedProcess[str]:
     """Run a program of Python from the clone, with words as its arguments."""
     command = [sys.executable, "-c", code, *map(str, words)]
     return subprocess.run(
         command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=600
     )
+
+
+def steps_of(env: Any, action: Any) -> Iterator[Any]:
+    """Step with one action to the end of the episode; yield what each step returns."""
+    over = False
+    while not over:
+        told = env.step(action)
+        over = told[2] or told[3]
+        yield told
 
 
 def need_pty():

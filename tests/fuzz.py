@@ -18,18 +18,20 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import traceback
 import zipfile
 import zlib
 from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from agents.benchmarks import tracks
 from agents.benchmarks.entrants import stored_cases
 from agents.benchmarks.planner_benchmark import FORMAT, check_result
-from agents.benchmarks.tracks import read_result
 from agents.cli.arguments import spec
 from agents.evaluation.evaluate import env_settings as checked
 from agents.evaluation.map_evaluation import by_odometry
@@ -183,6 +185,11 @@ def _shipped(name: str) -> Callable[[Path], Path]:
     return lambda folder: Path(shutil.copy(ROOT / "configs" / name, folder))
 
 
+def _written(name: str, content: Any) -> Callable[[Path], Path]:
+    """Return a function that puts a file of this content into a folder."""
+    return lambda folder: put(folder / name, content)
+
+
 # A chair that a twin hides from its computer.
 BELIEVED = PlantSettings(ChairSettings(), SensorSettings(), PhysicsSettings())
 HIDDEN = {
@@ -242,22 +249,23 @@ def _mutated_png(data: bytes, rng: np.random.Generator) -> bytes:
     else:
         content = flipped(content, rng)
     chunks[which] = kind, content
-    out = data[:8]
-    for kind, content in chunks:
-        check = zlib.crc32(kind + content).to_bytes(4, "big")
-        out += len(content).to_bytes(4, "big") + kind + content + check
-    return out
+    return data[:8] + b"".join(png_chunk(*chunk) for chunk in chunks)
 
 
-def _octile(folder: Path) -> Path:
-    rows = ["." * 40] * 12 + ["." * 15 + "@T" * 5 + "." * 15] * 8 + ["." * 20 + "GS" * 10] * 10
-    head = "type octile\nheight 30\nwidth 40\nmap\n"
-    return put(folder / "yard.map", head + "\n".join(rows) + "\n")
+def png_chunk(kind: bytes, content: bytes) -> bytes:
+    """A chunk of a PNG, with its checksum."""
+    check = zlib.crc32(kind + content).to_bytes(4, "big")
+    return len(content).to_bytes(4, "big") + kind + content + check
 
 
-def _polygons(folder: Path) -> Path:
-    room = {"bounds": [0, 0, 8, 6], "polygons": [[[3, 0], [3.2, 0], [3.2, 3.5]]], "name": "room"}
-    return put(folder / "room.json", room)
+YARD = ["." * 40] * 12 + ["." * 15 + "@T" * 5 + "." * 15] * 8 + ["." * 20 + "GS" * 10] * 10
+OCTILE = "type octile\nheight 30\nwidth 40\nmap\n" + "\n".join(YARD) + "\n"
+ROOM = {"bounds": [0, 0, 8, 6], "polygons": [[[3, 0], [3.2, 0], [3.2, 3.5]]], "name": "room"}
+HOUSE = {
+    "verts": [[0, 0], [8, 0], [8, 4], [5, 4], [4, 6.5], [0, 6]],
+    "room_category": {"Kitchen": [[0, 0, 3, 3]], "Hall": []},
+    "id": "abc",
+}
 
 
 def _sb3_model(folder: Path) -> Path:
@@ -271,22 +279,31 @@ def _sb3_model(folder: Path) -> Path:
     return path
 
 
-def _house(folder: Path) -> Path:
-    verts = [[0, 0], [8, 0], [8, 4], [5, 4], [4, 6.5], [0, 6]]
-    rooms = {"Kitchen": [[0, 0, 3, 3]], "Hall": []}
-    return put(folder / "house.json", {"verts": verts, "room_category": rooms, "id": "abc"})
-
-
 # ---- worlds, problems, settings
 
 
-def _barn(folder: Path) -> Path:
-    worlds = [
-        {"world": k, "start": [0, 0, 0.3], "goal": [5, 0], "reference_path_length": 5.5,
-         "circles": [[1.5, y, 0.075], [3.0, -y, 0.2]]}
-        for k, y in ((3, 1.5), (8, 2.0))
-    ]  # fmt: skip
-    return put(folder / "barn.json", worlds)
+BARN = [
+    {"world": k, "start": [0, 0, 0.3], "goal": [5, 0], "reference_path_length": 5.5,
+     "circles": [[1.5, y, 0.075], [3.0, -y, 0.2]]}
+    for k, y in ((3, 1.5), (8, 2.0))
+]  # fmt: skip
+PROBLEM = {
+    "name": "hall", "size": 5, "rects": [[2.0, 1.5, 3.0, 2.5], [0, 4, 1, 4.5]],
+    "start": [1, 2], "goal": [4, 2], "optimum": 3.2361,
+}  # fmt: skip
+THESIS = (
+    '{"ReturnOnFirstPath": true, "MapProcessor_Obstacles_Dilation": 4, '
+    '"MapProcessor_Epsilon": 0.5, "MapProcessor_Map_Name": "5", '
+    '"PathPlanner_Iterations": 300, "PathPlanner_Step_Size": 2.0, '
+    '"PathOptimizer_Population": 10, "PathOptimizer_b_Parameter": 1,}'
+)
+ENV = dump(EnvSettings()) | {"scene": {"name": "empty", "size": [6.0, 5.0]}}
+del ENV["hardware"]
+PROTOCOL = {
+    "title": "a", "consent": "b",
+    "conditions": [{"name": "with help", "assist": {"name": "slide", "latency": 0.1}}],
+    "tasks": [{"name": "home", "scene": "floor_plan", "seed": 1}],
+}  # fmt: skip
 
 
 def _use_barn(path: Path) -> None:
@@ -297,29 +314,11 @@ def _use_barn(path: Path) -> None:
             episode.map.traversable(0.36)
 
 
-def _problems(folder: Path) -> Path:
-    problem = {
-        "name": "hall", "size": 5, "rects": [[2.0, 1.5, 3.0, 2.5], [0, 4, 1, 4.5]],
-        "start": [1, 2], "goal": [4, 2], "optimum": 3.2361,
-    }  # fmt: skip
-    return put(folder / "problem_files.json", [problem, problem | {"name": "again", "size": 6.5}])
-
-
 def _use_problems(path: Path) -> None:
     for problem, _ in read_problems(path)[:2]:
         for planner in ({"name": "rrt_connect", "iterations": 200}, {"name": "visibility"}):
             make_planner(planner).plan(problem, np.random.default_rng(0), deadline=1.0)
     stored_cases(path)
-
-
-def _thesis(folder: Path) -> Path:
-    return put(
-        folder / "thesis_settings.json",
-        '{"ReturnOnFirstPath": true, "MapProcessor_Obstacles_Dilation": 4, '
-        '"MapProcessor_Epsilon": 0.5, "MapProcessor_Map_Name": "5", '
-        '"PathPlanner_Iterations": 300, "PathPlanner_Step_Size": 2.0, '
-        '"PathOptimizer_Population": 10, "PathOptimizer_b_Parameter": 1,}',
-    )
 
 
 def _use_thesis(path: Path) -> None:
@@ -329,22 +328,12 @@ def _use_thesis(path: Path) -> None:
     make_planner(spec(f"{path}:rrt_star"))
 
 
-def _env(folder: Path) -> Path:
-    content = {**dump(EnvSettings()), "scene": {"name": "empty", "size": [6.0, 5.0]}}
-    del content["hardware"]
-    return put(folder / "env.json", content)
-
-
 def _use_env(path: Path) -> None:
     """Settings, and the world that they name; stepping is for who chose the settings."""
     checked(config=path)
     own = env_settings(path)
     if own.scene != "crowd":
         make_scene(own.scene).sample(np.random.default_rng(0))
-
-
-def _scenes(folder: Path) -> Path:
-    return put(folder / "scenes.json", {name: dump(SCENES[name]()) for name in SCENE_NAMES})
 
 
 def _use_each(path: Path, names: Iterable[str], use: Callable[[Any], Any]) -> None:
@@ -359,16 +348,9 @@ def _use_each(path: Path, names: Iterable[str], use: Callable[[Any], Any]) -> No
         raise refused
 
 
-def _protocol(folder: Path) -> Path:
-    condition = {"name": "with help", "assist": {"name": "slide", "latency": 0.1}}
-    tasks = [{"name": "home", "scene": "floor_plan", "seed": 1}]
-    content = {"title": "a", "consent": "b", "conditions": [condition], "tasks": tasks}
-    return put(folder / "protocol.json", content)
-
-
 def _amendment(folder: Path) -> Path:
-    protocol = read_json(_protocol(folder))
-    return put(folder / "amendment_001.json", {"at": "", "changed": [], "protocol": protocol})
+    put(folder / "protocol.json", PROTOCOL)
+    return put(folder / "amendment_001.json", {"at": "", "changed": [], "protocol": PROTOCOL})
 
 
 def _chain(folder: Path) -> Path:
@@ -382,40 +364,31 @@ def _chain(folder: Path) -> Path:
 # ---- results
 
 
-def _bench(folder: Path) -> Path:
-    record = {"key": "abc", "planner": "rrt", "seed": 0, "curve": [[0.1, 3.0]]}
-    return put(folder / "bench.json", {"format": FORMAT, "records": [record]})
-
-
-def _comparison(folder: Path) -> Path:
-    from agents.learning.folder import RESULT_KEYS
-
-    row = {"policy": "mine.npz", "scene": "all"} | dict.fromkeys(RESULT_KEYS, 0.5)
-    content = {
-        "command": "wheelchair compare --policies mine.npz --out x", "title": "homes",
-        "provenance": {"commit": "abc"}, "summary": [row],
-    }  # fmt: skip
-    return put(folder / "results.json", content)
+RECORD = {"key": "abc", "planner": "rrt", "seed": 0, "curve": [[0.1, 3.0]]}
+COMPARISON = {
+    "command": "wheelchair compare --policies mine.npz --out x", "title": "homes",
+    "provenance": {"commit": "abc"},
+    "summary": [
+        {"policy": "mine.npz", "scene": "all"} | dict.fromkeys(runs_folder.RESULT_KEYS, 0.5)
+    ],
+}  # fmt: skip
 
 
 def _entry(folder: Path) -> Path:
-    from agents.benchmarks import tracks
-
-    one = {"scene": "crowd", "seed": 0, "success": False, "contact": 0, "at_fault": 0}
-    one |= {"clearance_min": 0.1, "plan_ms": 1.0, "act_ms_p50": 1.0}
-    episodes = [dict.fromkeys(tracks.FIGURES, 0.0) | one]
-    result = dict.fromkeys(tracks.NEEDED - {"digest"}, "") | {"benchmark": tracks.VERSION}
-    result |= {"machine": {"cpu": ""}, "episodes": episodes} | tracks.summary(episodes)
+    one = dict.fromkeys(tracks.FIGURES, 0) | {"scene": "crowd", "seed": 0, "success": False}
+    episodes = [one | {"clearance_min": 0.1, "plan_ms": 1.0, "act_ms_p50": 1.0}]
+    result = dict.fromkeys(tracks.NEEDED - {"digest"}, "")
+    result |= {"benchmark": tracks.VERSION, "machine": {"cpu": ""}, "episodes": episodes}
+    result |= tracks.summary(episodes)
     return put(folder / "people.json", result | {"digest": tracks._digest(result)})
 
 
 def _use_comparison(path: Path) -> None:
-    from agents.learning.folder import _results
     from agents.studio.session import CompareSession
 
     with contextlib.suppress(InputError):  # which the card's minimal results are for it
         CompareSession._results(SimpleNamespace(_runs={"mine": path}), "mine")
-    _results(path, {"mine.npz": "0"}, "mine")
+    runs_folder._results(path, {"mine.npz": "0"}, "mine")
 
 
 def _curve(folder: Path) -> Path:
@@ -424,21 +397,19 @@ def _curve(folder: Path) -> Path:
     return folder / "curve.csv"
 
 
-def _store(folder: Path) -> Path:
-    lines = [stored_line(f"{k}", _work(k)) for k in range(6)]
-    return put(folder / "episodes.jsonl", "".join(lines))
-
-
 def _work(job: int) -> dict[str, Any]:
     return {"outcome": "success", "time": 3.5 + job, "names": ["a", None]}
 
 
+JOBS = {f"{k}": k for k in range(6)}
+STORE = "".join(stored_line(key, _work(job)) for key, job in JOBS.items())
+
+
 def _use_store(path: Path) -> None:
     """The resume never stops, and what is stored is what was computed or is computed again."""
-    jobs = {f"{k}": k for k in range(6)}
     with contextlib.redirect_stderr(io.StringIO()):
-        found = compute(jobs, _work, path, progress=False)
-    assert found == {key: _work(job) for key, job in jobs.items()}
+        found = compute(JOBS, _work, path, progress=False)
+    assert found == {key: _work(job) for key, job in JOBS.items()}
 
 
 # ---- logs and recordings
@@ -509,8 +480,7 @@ def _use_recording(path: Path) -> None:
     sensor_log(path)
 
 
-def _bag(folder: Path) -> Path:
-    return _recording(folder, "ros2")
+_bag = partial(_recording, format="ros2")
 
 
 def _use_bag(path: Path) -> None:
@@ -626,29 +596,35 @@ READERS: dict[str, Reader] = {
         lambda path: _use_map(path.with_suffix(".yaml")),
         ("maps.io.map_server.read_picture",),
     ),
-    "octile map": Reader(_octile, _use_map, ("maps.io.map_server.read_moving_ai_map",)),
-    "polygons": Reader(_polygons, _use_map, ("maps.io.__init__._read",)),
+    "octile map": Reader(
+        _written("yard.map", OCTILE), _use_map, ("maps.io.map_server.read_moving_ai_map",)
+    ),
+    "polygons": Reader(_written("room.json", ROOM), _use_map, ("maps.io.__init__._read",)),
     "model of stable-baselines3": Reader(
         _sb3_model, _algorithm, ("policies.sb3._algorithm",), flipped
     ),
-    "house": Reader(_house, _use_map, ("maps.io.floor_plan.read_house",)),
-    "barn worlds": Reader(_barn, _use_barn, ("scenes.barn._worlds",)),
-    "problems": Reader(_problems, _use_problems, ("problem_files.read_problems",)),
+    "house": Reader(_written("house.json", HOUSE), _use_map, ("maps.io.floor_plan.read_house",)),
+    "barn worlds": Reader(_written("barn.json", BARN), _use_barn, ("scenes.barn._worlds",)),
+    "problems": Reader(
+        _written("problem_files.json", [PROBLEM, PROBLEM | {"name": "again", "size": 6.5}]),
+        _use_problems, ("problem_files.read_problems",),
+    ),
     "thesis settings": Reader(
-        _thesis, _use_thesis, ("rrt_star_woa.thesis.read_thesis", "cli.arguments.spec")
+        _written("thesis_settings.json", THESIS), _use_thesis,
+        ("rrt_star_woa.thesis.read_thesis", "cli.arguments.spec"),
     ),
     "env settings": Reader(
-        _env, _use_env,
+        _written("env.json", ENV), _use_env,
         ("envs.settings.env_settings", "base.settings.read", "evaluation.evaluate.env_settings",
          "cli.arguments.shield_of", "cli.hardware.calibrate", "cli.compare.trained_in"),
     ),
     "hidden chair": Reader(
-        lambda folder: put(folder / "hidden.json", HIDDEN),
+        _written("hidden.json", HIDDEN),
         lambda path: PlantSettings.read(path, BELIEVED),
         ("hardware.twin.plant.read", "cli.compare.compare"),
     ),
     "scene settings": Reader(
-        _scenes,
+        _written("scenes.json", {name: dump(SCENES[name]()) for name in SCENE_NAMES}),
         lambda path: _use_each(
             path, SCENE_NAMES, lambda one: make_scene(one).sample(np.random.default_rng(1))
         ),
@@ -658,7 +634,10 @@ READERS: dict[str, Reader] = {
         _shipped("planners.json"), lambda path: _use_each(path, PLANNERS, make_planner),
         ("cli.arguments.spec",),
     ),
-    "protocol": Reader(_protocol, lambda path: read(Protocol, path), ("base.settings.read",)),
+    "protocol": Reader(
+        _written("protocol.json", PROTOCOL), lambda path: read(Protocol, path),
+        ("base.settings.read",),
+    ),
     "amendment": Reader(
         _amendment, lambda path: current_protocol(path.parent), ("people.folder.current_protocol",)
     ),
@@ -668,10 +647,13 @@ READERS: dict[str, Reader] = {
         lambda path: read_training(read_json(path), path.name, "ppo"),
         ("cli.train.training_content",),
     ),
-    "planner results": Reader(_bench, check_result, ("benchmarks.planner_benchmark.check_result",)),
-    "benchmark entry": Reader(_entry, read_result, ("benchmarks.tracks.read_result",)),
+    "planner results": Reader(
+        _written("bench.json", {"format": FORMAT, "records": [RECORD]}), check_result,
+        ("benchmarks.planner_benchmark.check_result",),
+    ),
+    "benchmark entry": Reader(_entry, tracks.read_result, ("benchmarks.tracks.read_result",)),
     "comparison": Reader(
-        _comparison, _use_comparison,
+        _written("results.json", COMPARISON), _use_comparison,
         ("learning.folder._results", "studio.session._results"),
     ),
     "curve": Reader(
@@ -681,7 +663,9 @@ READERS: dict[str, Reader] = {
         ),
         ("learning.folder.read_curve",),
     ),
-    "store": Reader(_store, _use_store, ("evaluation.runs.read_store",)),
+    "store": Reader(
+        _written("episodes.jsonl", STORE), _use_store, ("evaluation.runs.read_store",)
+    ),
     "log": Reader(
         _log, lambda path: by_odometry(read_log(path), LASER, SlamSettings()),
         ("perception.logs.read_log",),
@@ -723,13 +707,11 @@ def judged(name: str, path: Path) -> str:
             return f"a message of {len(text)} characters, {lines} lines: {text[:200]!r}"
         return "refused"
     except Exception as error:
-        frames = error.__traceback__
         where = ""
-        while frames is not None:
-            file = Path(frames.tb_frame.f_code.co_filename)
+        for frame, line in traceback.walk_tb(error.__traceback__):
+            file = Path(frame.f_code.co_filename)
             if file.is_relative_to(ROOT) and "site-packages" not in file.parts:
-                where = f"{file.relative_to(ROOT)}:{frames.tb_lineno}"
-            frames = frames.tb_next
+                where = f"{file.relative_to(ROOT)}:{line}"
         return f"{type(error).__name__} at {where}: {str(error)[:200]}"
     return ""
 
@@ -743,7 +725,7 @@ def work() -> None:
     paths: dict[str, Path] = {}
     with tempfile.TemporaryDirectory() as top:
         for line in sys.stdin:
-            name, number = json.loads(line)
+            (name, number), said = json.loads(line), ""
             if name not in valid:
                 resource.setrlimit(resource.RLIMIT_AS, (resource.RLIM_INFINITY,) * 2)
                 folder = Path(top) / name.replace(" ", "_")
@@ -754,14 +736,11 @@ def work() -> None:
                 hard = resource.getrlimit(resource.RLIMIT_AS)[1]
                 held = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
                 resource.setrlimit(resource.RLIMIT_AS, (held + MEMORY, hard))
-                if said:
-                    answers.write(json.dumps({"said": f"the valid file: {said}"}) + "\n")
-                    continue
-            if number < 0:
-                answers.write(json.dumps({"said": ""}) + "\n")
-                continue
-            paths[name].write_bytes(input_of(name, valid[name], number))
-            answers.write(json.dumps({"said": judged(name, paths[name])}) + "\n")
+                said = said and f"the valid file: {said}"
+            if number >= 0 and not said:
+                paths[name].write_bytes(input_of(name, valid[name], number))
+                said = judged(name, paths[name])
+            answers.write(json.dumps({"said": said}) + "\n")
 
 
 class Watched:
@@ -770,12 +749,6 @@ class Watched:
     def __init__(self) -> None:
         self._running: Any = None
         self._ready: set[str] = set()
-
-    def __enter__(self) -> "Watched":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._stop()
 
     def ask(self, name: str, number: int) -> str:
         """Return what became of an input (`judged`); a hang or a crash has its own words."""
@@ -797,7 +770,7 @@ class Watched:
         if line:
             return str(json.loads(line)["said"])
         code = running.poll() if not ready else running.wait()
-        self._stop()
+        self.close()
         return f"crash with exit code {code}" if ready else f"hang: over {limit:g} s"
 
     def _start(self) -> None:
@@ -808,7 +781,8 @@ class Watched:
         )  # fmt: skip
         self._ready = set()
 
-    def _stop(self) -> None:
+    def close(self) -> None:
+        """End the worker."""
         if self._running is not None:
             self._running.kill()
             self._running.communicate()
@@ -828,6 +802,6 @@ def fuzz(watched: Watched, name: str, numbers: range) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    with Watched() as watched:
+    with contextlib.closing(Watched()) as watched:
         for name in READERS:
             print(name, fuzz(watched, name, range(*map(int, sys.argv[1:]))), flush=True)

@@ -11,7 +11,7 @@ import pytest
 
 from agents import cli
 from agents.cli import COMMANDS, GROUPS, _add_options, parser
-from tests.conftest import ROOT
+from tests.conftest import ROOT, modules
 from tests.hardware.conftest import build_twin
 from wheelchair_gym.base.registry import imported
 from wheelchair_gym.safety.stops import as_table
@@ -196,8 +196,7 @@ def test_the_page_of_the_architecture_names_every_folder():
     rows = re.findall(r"^\| `([a-z_/]+)/` \|", text, re.M)
     folders = {
         path.parent.relative_to(ROOT).as_posix()
-        for package in ("wheelchair_gym", "planners", "agents")
-        for path in (ROOT / package).rglob("*.py")
+        for _, path in modules()
         if "build" not in path.parts
     }
     assert {row for row in rows if "firmware" not in row} == folders

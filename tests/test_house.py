@@ -11,9 +11,8 @@ from pathlib import Path
 from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 
-from tests.conftest import ROOT, python
+from tests.conftest import PACKAGES, ROOT, modules, python
 
-PACKAGES = ("wheelchair_gym", "planners", "agents")
 # What each package may import of ours, beside itself.
 ARROW = {
     "wheelchair_gym": set(),
@@ -38,10 +37,6 @@ ROOMS = {
 }
 
 
-def modules():
-    return [p for package in PACKAGES for p in sorted((ROOT / package).rglob("*.py"))]
-
-
 def imports_of(path: Path, checked: bool = True):
     """Dotted names that a file imports, anywhere in it, with or without those for type checkers."""
     tree = ast.parse(path.read_text())
@@ -57,7 +52,7 @@ def imports_of(path: Path, checked: bool = True):
 
 
 def test_imports_point_right_only():
-    for path in modules():
+    for _, path in modules():
         package = path.relative_to(ROOT).parts[0]
         for name in imports_of(path):
             top = name.split(".")[0]
@@ -71,7 +66,7 @@ def test_rooms_import_those_above_them_only():
     """In the order of the page."""
     page = (ROOT / "docs/concepts/architecture.md").read_text()
     order = list(dict.fromkeys(re.findall(r"^\| `wheelchair_gym/(\w+)", page, re.M)))
-    for path in modules():
+    for _, path in modules():
         package, room = [*path.relative_to(ROOT).with_suffix("").parts, ""][:2]
         if package == "wheelchair_gym" and not room.startswith("__"):
             above = order[: order.index(room) + 1]
@@ -82,7 +77,7 @@ def test_rooms_import_those_above_them_only():
 
 
 def test_each_engine_lives_in_its_room():
-    for path in modules():
+    for _, path in modules():
         where = path.relative_to(ROOT).as_posix()
         for name in imports_of(path):
             rooms = ROOMS.get(name.split(".")[0])

@@ -25,7 +25,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents.evaluation.assisted import StickTrace
 from agents.evaluation.runs import compute, run_key, source_digest
@@ -34,6 +33,7 @@ from agents.evaluation.tables import exists, markdown_table
 from agents.people import ASSISTANTS, make_assistant
 from agents.people.assistant import AssistMission
 from tests.attacks import REAR
+from wheelchair_gym.base.arrays import Array, Floats, Mask
 from wheelchair_gym.base.settings import dump
 from wheelchair_gym.envs import NavigationVectorEnv
 from wheelchair_gym.people.assistance import COMPILED
@@ -50,8 +50,6 @@ SCENES = {
     "clutter": "clutter",
     "crowd": "crowd",
 }  # fmt: skip
-Floats = NDArray[np.float64]
-
 NEW = np.zeros(8, np.float32)  # s: age of ultrasonic ranges, which no assistant looks at
 KEY = ("driver", "scene", "assist", "seed", "number")
 TIMES = 4.0  # times the time of `expert` in which a drive has to arrive
@@ -81,7 +79,7 @@ def with_expert(name: str) -> str:
     return "expert" if same else f"expert@{name}"
 
 
-def ranges(seen: Floats, reach: Any) -> NDArray[np.float32]:
+def ranges(seen: Array, reach: Any) -> Floats:
     """Ranges of a reading from observed ones."""
     found = np.where(seen >= reach, np.inf, seen)
     return np.where(found <= 0.0, -np.inf, found).astype(np.float32)  # too near
@@ -96,7 +94,7 @@ class Helpers:
         self._given = np.zeros((env.num_envs, 2))
         self._reaches = np.array([m.reach for m in env.settings.sensors.ultrasonic.models])
 
-    def actions(self, seen: Any, info: Any, begin: NDArray[np.bool_]) -> Floats:
+    def actions(self, seen: Any, info: Any, begin: Mask) -> Array:
         """Actions (n, 2) for what rows see, with their info; some begin an episode."""
         s, actions = self._env.settings, np.zeros((len(self._helpers), 2))
         scans = ranges(seen["laser"], s.sensors.laser.reach)

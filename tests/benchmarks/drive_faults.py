@@ -11,7 +11,6 @@ import dataclasses
 import math
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -50,64 +49,53 @@ PUSH = 250.0  # N, of a person, either way
 STRIPS = (Switch.FRONT, Switch.REAR, Switch.LEFT, Switch.RIGHT)
 
 
-@dataclass
-class Ride:
+class Ride(Pilot):
     """A pilot of a chair of its own mass, and what is looked at in each millisecond."""
 
-    rng: np.random.Generator
-    chair: ChairSettings = field(default_factory=ChairSettings)
-    pilot: Pilot = field(init=False)
-
-    def __post_init__(self) -> None:
-        body = BodySettings(mass=float(self.rng.uniform(*MASSES)))
-        self.pilot = Pilot(chair=dataclasses.replace(self.chair, body=body))
-        self.twin = self.pilot.twin
+    def __init__(self, rng: np.random.Generator, chair: ChairSettings) -> None:
+        body = BodySettings(mass=float(rng.uniform(*MASSES)))
+        super().__init__(chair=dataclasses.replace(chair, body=body))
         self.twin.range.run = lambda _cycle: None  # it has no part in this, and takes half the time
-        self._counts = (0.0, 0.0)
 
     def each(self, seconds: float):
         """Advance time; yield the speeds of both rims [m/s] after each millisecond."""
         for k in range(round(seconds * 1000)):
-            if k % 20 == 0 and self.pilot.target is not None:
-                self.pilot.send(Command(*self.pilot.target))
+            if k % 20 == 0 and self.target is not None:
+                self.send(Command(*self.target))
             before = self.twin.motion
             self.twin.run(0.001)
             now = self.twin.motion
             if k % 20 == 19:
-                self.pilot.listen()
+                self.listen()
             yield (now.left - before.left) * COUNT * 1e3, (now.right - before.right) * COUNT * 1e3
 
     def by_hand(self, seconds: float, **stick) -> None:
         self.twin.faults.joystick = JoystickState(manual=True, **stick)
-        self.pilot.run(seconds)
+        self.run(seconds)
 
     def manual(self, ahead: float, seconds: float) -> None:
         """A person drives by the joystick at the board."""
         self.by_hand(0.2)
         self.by_hand(0.2, dead_man=True)
         self.by_hand(seconds, dead_man=True, forward=ahead)
-        assert self.pilot.now.mode == Mode.MANUAL
+        assert self.now.mode == Mode.MANUAL
 
 
-def stick_drivers(ride, down):
-    """Left, right or both drivers give a duty of 0.6 to 1 for good; on a slope, down it."""
-    rng, faults = ride.rng, ride.twin.faults
-    sides = ((0,), (1,), (0, 1))[int(rng.integers(3))]
-    duty = float(rng.uniform(0.6, 1.0)) * (1.0 if down or rng.random() < 0.5 else -1.0)
-    for side in sides:
-        faults.stuck_drivers[side] = duty
+def runaway(pilot, twin, rng, v, angle, mode):
+    """Left, right or both drivers stick while somebody drives, lets go, or stands.
 
-
-def runaway(ride, v, angle, mode):
-    """Drivers stick while somebody drives, lets go, or stands."""
-    pilot, twin = ride.pilot, ride.twin
+    They give a duty of 0.6 to 1 for good; on a slope, down it.
+    """
     if mode == "manual":
-        ride.manual(v / 0.4, 2.0)
+        pilot.manual(v / 0.4, 2.0)
     else:
         pilot.start(v, 0.0, 2.4 if v else 0.1)
     twin.faults.slope = Slope(angle) if angle else None
     pilot.run(0.3)
-    stick_drivers(ride, angle > 0.0)
+    sides = ((0,), (1,), (0, 1))[int(rng.integers(3))]
+    duty = float(rng.uniform(0.6, 1.0)) * (1.0 if angle > 0.0 or rng.random() < 0.5 else -1.0)
+    for side in sides:
+        twin.faults.stuck_drivers[side] = duty
     if mode == "manual":  # and lets go
         twin.faults.joystick = JoystickState(forward=1.0, manual=True)
     elif mode == "stopping":
@@ -115,7 +103,7 @@ def runaway(ride, v, angle, mode):
     steps, passed, cut, way, way_cut, speed_cut = twin.steps, None, None, 0.0, 0.0, 0.0
     rest = None
     aim = 0.0 if mode in ("manual", "stopping") else v
-    for rims in ride.each(4.0):
+    for rims in pilot.each(4.0):
         now, motion = (twin.steps - steps) * 1e-3, twin.motion
         way += 0.001 * abs(motion.speed)
         if cut is None:
@@ -145,9 +133,8 @@ def runaway(ride, v, angle, mode):
     }  # fmt: skip
 
 
-def wired_wrong(ride, _v, _angle, what):
+def wired_wrong(pilot, twin, rng, _v, _angle, what):
     """Motors that were exchanged, or one whose two wires were: the first drive after it."""
-    pilot, twin, rng = ride.pilot, ride.twin, ride.rng
     if what == "swapped":
         twin.faults.swapped_motors = True
     else:
@@ -155,7 +142,7 @@ def wired_wrong(ride, _v, _angle, what):
     pilot.start(0.0, 0.0, 0.1)
     pilot.target = (float(rng.uniform(0.1, 0.8)), float(rng.choice((-1, 1)) * rng.uniform(0.2, 1)))
     start, steps, passed, cut, far = pilot.pose, twin.steps, None, None, 0.0
-    for rims in ride.each(4.0):
+    for rims in pilot.each(4.0):
         now = (twin.steps - steps) * 1e-3
         far = max(far, float(np.hypot(*(pilot.pose - start)[:2])))
         half = 0.5 * TRACK * pilot.now.w
@@ -178,9 +165,8 @@ def wired_wrong(ride, _v, _angle, what):
     }
 
 
-def creep(ride, _v, _angle, _mode):
+def creep(pilot, twin, rng, _v, _angle, _mode):
     """Asked for zero on 2 to 8 degrees in any direction, after it was driven there."""
-    pilot, twin, rng = ride.pilot, ride.twin, ride.rng
     angle, to = math.radians(rng.uniform(2.0, 8.0)), rng.uniform(-math.pi, math.pi)
     pilot.start(0.0, 0.0, 0.1)
     twin.faults.slope = Slope(float(angle), float(to))
@@ -190,14 +176,14 @@ def creep(ride, _v, _angle, _mode):
     while pilot.now.v != 0.0 or max(abs(pilot.now.speed_left), abs(pilot.now.speed_right)) > 0.03:
         pilot.run(0.02)
     home, steps, far, closed = pilot.pose, twin.steps, 0.0, None
-    for _ in ride.each(4.0):
+    for _ in pilot.each(4.0):
         far = max(far, float(np.hypot(*(pilot.pose - home)[:2])))
         if closed is None and twin.braked:
             closed = (twin.steps - steps) * 1e-3
     pilot.target = (0.3, 0.0)  # and it starts without rolling back
     along = np.array([math.cos(home[2]), math.sin(home[2])])
     start, back = pilot.pose, 0.0
-    for _ in ride.each(1.0):
+    for _ in pilot.each(1.0):
         back = max(back, -float((pilot.pose - start)[:2] @ along))
     return {
         "crept_mm": (1e3 * far, 20.0),
@@ -207,15 +193,14 @@ def creep(ride, _v, _angle, _mode):
     }
 
 
-def weak_brakes(ride, _v, _angle, mode):
+def weak_brakes(pilot, twin, rng, _v, _angle, mode):
     """Parked down 8 degrees on brakes that cannot hold it."""
-    pilot, twin, rng = ride.pilot, ride.twin, ride.rng
     pilot.start(0.0, 0.0, 0.1)
     twin.faults.brake_fraction = float(rng.uniform(0.0, 0.3))
     twin.faults.slope = Slope(STEEP)
     pilot.target = (0.0, 0.0, CommandFlag.PROTECTIVE) if mode == "parked" else None
     start, steps, closed, changes, fault = pilot.pose, twin.steps, twin.braked, 0, None
-    for _ in ride.each(8.0):
+    for _ in pilot.each(8.0):
         changes += twin.braked != closed
         closed = twin.braked
         if fault is None and pilot.now.faults & Fault.BRAKE:
@@ -228,20 +213,19 @@ def weak_brakes(ride, _v, _angle, mode):
     }
 
 
-def take_over(ride, _v, _angle, mode):
+def take_over(pilot, twin, rng, _v, _angle, mode):
     """A person takes the joystick off its centre, or lets the dead-man button go."""
-    pilot, twin, rng = ride.pilot, ride.twin, ride.rng
     stick = {"forward": float(rng.uniform(-1, 1)), "turn": float(rng.uniform(-1, 1))}
     if mode == "takes over":
         pilot.start(0.8, 0.0, 2.4)
         twin.faults.joystick = JoystickState(**stick, manual=True, dead_man=bool(rng.integers(2)))
         v = 0.8
     else:
-        ride.manual(1.0, 2.0)
+        pilot.manual(1.0, 2.0)
         twin.faults.joystick = JoystickState(forward=1.0, manual=True)
         v = 0.4
     way, rest, steps = 0.0, None, twin.steps
-    for _ in ride.each(2.0):
+    for _ in pilot.each(2.0):
         way += 0.001 * abs(twin.motion.speed)
         if rest is None and abs(twin.motion.speed) < 1e-3:
             rest = (twin.steps - steps) * 1e-3
@@ -267,21 +251,20 @@ def outward(pressed, v, w):
     return max(speeds)
 
 
-def strips(ride, _v, _angle, _mode):
+def strips(pilot, twin, rng, _v, _angle, _mode):
     """Any strips pressed at any motion; then any commands: what is pressed moves away only."""
-    pilot, twin, rng = ride.pilot, ride.twin, ride.rng
     v, w = float(rng.uniform(-0.3, 0.8)), float(rng.uniform(-1.0, 1.0))
     pilot.start(v, w, 2.0)
     pressed = Switch(0)
     for strip in rng.permutation(4)[: int(rng.integers(1, 3))]:
         pressed |= STRIPS[strip]
     twin.faults.switches = pressed
-    for _ in ride.each((abs(v) + abs(w) * TRACK) / 1.5 + 0.1):
+    for _ in pilot.each((abs(v) + abs(w) * TRACK) / 1.5 + 0.1):
         pass
     worst, fastest = 0.0, 0.0
     for _ in range(6):
         pilot.target = (float(rng.uniform(-0.8, 0.8)), float(rng.uniform(-1.0, 1.0)))
-        for _ in ride.each(0.5):
+        for _ in pilot.each(0.5):
             motion = twin.motion
             worst = max(worst, outward(pressed, motion.speed, motion.turn))
             fastest = max(fastest, abs(motion.speed))
@@ -289,18 +272,17 @@ def strips(ride, _v, _angle, _mode):
     return {"outward_m_s": (worst, 0.02), "fastest_m_s": (fastest, 0.13), "missed": (told != 0, 0)}
 
 
-def store(ride, _v, _angle, _mode):
+def store(pilot, twin, rng, _v, _angle, _mode):
     """EEPROM damaged; a person tries to re-arm by joystick and host; then it is set up."""
-    pilot, twin, rng = ride.pilot, ride.twin, ride.rng
     kept = bytearray(twin.drive.eeprom(135))
     kept[int(rng.integers(len(kept)))] ^= 1 << int(rng.integers(8))
     twin.drive.set_eeprom(bytes(kept))
     twin.drive.reset()
     pilot.run(0.1)
     asked = pilot.now.faults & Fault.STORE
-    ride.by_hand(0.2)
-    ride.by_hand(0.2, dead_man=True)
-    ride.by_hand(0.5, dead_man=True, forward=1.0)
+    pilot.by_hand(0.2)
+    pilot.by_hand(0.2, dead_man=True)
+    pilot.by_hand(0.5, dead_man=True, forward=1.0)
     moved = abs(twin.motion.speed)
     twin.faults.joystick = None
     pilot.run(0.3)
@@ -315,9 +297,8 @@ def store(ride, _v, _angle, _mode):
     return {"moved_m_s": (moved, 0.001), "missed": (not good, 0)}
 
 
-def edges(ride, _v, _angle, mode):
+def edges(pilot, twin, rng, _v, _angle, mode):
     """Run the conditions that a chair in order may meet; none of them is a fault."""
-    pilot, twin, rng = ride.pilot, ride.twin, ride.rng
     pilot.start(0.0, 0.0, 0.1)
     if mode == "slopes":
         twin.faults.slope = Slope(float(rng.uniform(0.0, STEEP)), float(rng.uniform(-3.2, 3.2)))
@@ -393,12 +374,12 @@ CASES: dict[str, Case] = {
 def trial(name, number):
     """Return the figures of one trial: figure -> (measured, bound)."""
     rng = np.random.default_rng([list(CASES).index(name), number])
-    ride = Ride(rng, CHAIRS.get(name, ChairSettings()))
+    pilot = Ride(rng, CHAIRS.get(name, ChairSettings()))
     act, *given = CASES[name]
     try:
-        return act(ride, *given)
+        return act(pilot, pilot.twin, rng, *given)
     finally:
-        ride.twin.close()
+        pilot.twin.close()
 
 
 if __name__ == "__main__":

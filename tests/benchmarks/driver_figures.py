@@ -13,16 +13,14 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents.evaluation.assisted import StickTrace
 from agents.evaluation.statistics import mean_interval, ratio_interval, wilson
 from agents.evaluation.tables import markdown_table
+from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.envs import NavigationVectorEnv
 from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.types import Stick
-
-Array = NDArray[np.float64]
 
 PERIOD = 0.1  # s: a step
 TIME = 120.0  # s: the time limit, with ten times the time of the shortest way
@@ -166,8 +164,7 @@ def rows(n: int) -> list[tuple[str, str, str]]:
         ),
         (
             "the variability of the stick's direction is alike", "Sorrento 2011",
-            "`expert` to `novice`: sideways "
-            f"{ratio('expert', 'novice', 'sideways', n, 'spread')}",
+            f"`expert` to `novice`: sideways {ratio('expert', 'novice', 'sideways', n, 'spread')}",
         ),
         (
             "with neglect of the left, more direct hits", "Webster 1989, 12 and 12 people",
@@ -182,8 +179,7 @@ def rows(n: int) -> list[tuple[str, str, str]]:
         ),
         (
             "with neglect of the left, left of the corridor's middle", "Turton 2009",
-            f"cm to the left: `hemineglect` {left}, `expert` "
-            f"{expert_left}",
+            f"cm to the left: `hemineglect` {left}, `expert` {expert_left}",
         ),
         (
             "a second task makes most unassisted drivers crash", "Carlson and Demiris",

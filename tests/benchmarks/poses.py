@@ -104,8 +104,7 @@ def map_floor(side: float, seed: int, particles: list[int]) -> None:
                 f"{count:9d}{draw:6d}{np.sqrt((far**2).mean()):13.1f}{np.median(far):7.1f}"
                 f"{np.percentile(far, 95):7.1f}{far.max():7.1f}{np.sqrt((turn**2).mean()):9.2f}"
                 f"{100 * found.right:15.1f}{100 * found.wall_median:13.1f}"
-                f"{100 * found.wall_p95:7.1f}"
-                f"{made.seconds / took:17.0f}",
+                f"{100 * found.wall_p95:7.1f}{made.seconds / took:17.0f}",
                 flush=True,
             )
     env.close()

@@ -16,15 +16,14 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tests.sim.worlds import box, step
+from wheelchair_gym.base.arrays import Floats
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.safety import Shield
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 from wheelchair_gym.sim.chair import SimulatedChair
 
-Floats = NDArray[np.float32]
 Deceit = Callable[[Floats, float], Floats]  # of a scan at a time [s]
 PERIOD = 0.02  # s: of control, and of the laser
 ONSET = 1.5  # s: of faults that begin on the way
@@ -151,23 +150,20 @@ class Outcome(NamedTuple):
 
 def world(thing: str):
     """A room with something 4 m ahead."""
-    episode = box(5.0, (-3.5, 0.3, 0.0))
-    walls, discs = episode.walls, np.zeros((0, 3))
-    if thing == "wall":
-        walls = np.vstack([walls, [(1.0, -2.0, 1.0, 2.5), (1.1, -2.0, 1.1, 2.5)]])
-    elif thing == "oblique":
-        walls = np.vstack([walls, [(0.0, -2.0, 2.0, 2.5), (0.1, -2.0, 2.1, 2.5)]])
-    elif thing == "post":
-        discs = np.array([(1.0, 0.35, 0.025)])
-    elif thing == "column":
-        discs = np.array([(1.0, 0.3, 0.25)])
-    elif thing == "passage":  # its ends are out of reach
-        walls = np.array([(-20.0, -1.5, 20.0, -1.5), (-20.0, 1.5, 20.0, 1.5)])
-        discs = np.array([(1.0, 0.3, 0.05)])
-    else:
-        walls = np.vstack([walls, [(0.0, -2.0, 2.0, 2.5), (0.1, -2.0, 2.1, 2.5)]])
-        discs = np.array([(-1.5, 2.5, 0.25), (3.0, -3.0, 0.025), (-2.0, -2.5, 0.025)])
-    return dataclasses.replace(episode, walls=walls, discs=discs)
+    oblique = [(0.0, -2.0, 2.0, 2.5), (0.1, -2.0, 2.1, 2.5)]
+    things = {
+        "wall": ([(1.0, -2.0, 1.0, 2.5), (1.1, -2.0, 1.1, 2.5)], []),
+        "oblique": (oblique, []),
+        "post": ([], [(1.0, 0.35, 0.025)]),
+        "column": ([], [(1.0, 0.3, 0.25)]),
+        "passage": ([(-20.0, -1.5, 20.0, -1.5), (-20.0, 1.5, 20.0, 1.5)], [(1.0, 0.3, 0.05)]),
+        "room": (oblique, [(-1.5, 2.5, 0.25), (3.0, -3.0, 0.025), (-2.0, -2.5, 0.025)]),
+    }
+    walls, discs = things[thing]
+    episode = box(5.0, (-3.5, 0.3, 0.0), walls, discs)
+    if thing == "passage":  # without the room; its ends are out of reach
+        episode = dataclasses.replace(episode, walls=np.array(walls))
+    return episode
 
 
 def drive(

@@ -9,7 +9,6 @@ project's code among it.
 """
 
 import argparse
-import dataclasses
 import math
 import sys
 from functools import lru_cache
@@ -19,7 +18,7 @@ from agents import StoppedError
 from agents.evaluation.provenance import commit, machine, write_json
 from agents.evaluation.runs import compute, run_key, source_digest
 from agents.evaluation.statistics import wilson
-from tests.attacks import APART, HARM, SCENES, SLOW, Attack, Event, Report, blank
+from tests.attacks import APART, HARM, SCENES, SLOW, Attack, Event, Report
 
 ROWS, EACH = 256, 4  # attacks of a chunk: ROWS times EACH
 RATES = "5,10,20,50"  # Hz
@@ -58,13 +57,12 @@ def main() -> int:
 
     def run(chunk: tuple[str, float, int]) -> dict[str, object]:
         scene, rate, seed = chunk
-        report = attack(scene, rate).run(seed, EACH)
-        return dataclasses.asdict(report) | {"events": list(report.events)}
+        return vars(attack(scene, rate).run(seed, EACH))
 
     asked = [given.shield, given.faults, given.rear]
     jobs = {run_key(source_digest(), *chunk, *asked): chunk for chunk in chunks}
     found = compute(jobs, run, folder / f"attacks-{given.shield}.jsonl", unit="chunk")
-    whole, own = blank(), {scene: blank() for scene in scenes}
+    whole, own = Report(), {scene: Report() for scene in scenes}
     for (scene, *_), told in zip(chunks, found.values(), strict=True):
         report = Report(**(told | {"events": [Event(*event) for event in told["events"]]}))
         for total in (own[scene], *([] if scene in APART else [whole])):
@@ -125,7 +123,6 @@ def table(report: Report) -> str:
         f"{'fastest':>9}{'unseen':>8}{'fastest':>9}"
     ]
     groups: dict[str, list[str]] = {}
-    order: list[str] = []
     for cell in report.cells:
         kind, rate, mass = cell.split(",")
         for name in (f"{kind}", f"{rate} Hz", f"{mass} kg", f"{kind}, {rate} Hz, {mass} kg"):

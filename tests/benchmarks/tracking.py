@@ -16,11 +16,11 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tests.conftest import SHARED
 from tests.sim.worlds import box, step
 from wheelchair_gym.actors.records import DOOR, NOBODY, PERSON, person
+from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.geometry.planar import to_frame, to_world, wrap_angle
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.perception.logs import LASER, read_log
@@ -35,8 +35,6 @@ from wheelchair_gym.sensors.laser import WORKSPACE_ROWS, LaserArrays, sense_lase
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 from wheelchair_gym.sim.chair import SimulatedChair
 from wheelchair_gym.types import Episode, Reading
-
-Array = NDArray[np.float64]
 
 SPEEDS, RANGES = (0.3, 0.75, 1.25, 2.5), (0.0, 2.5, 5.0, 8.0)  # edges of bins: m/s, m
 VISIBLE = 0.5  # share of a person's beams that must reach them
@@ -93,29 +91,21 @@ class Score:
         self.people_right: list[bool] = []  # a person's track is called a person
         self.doors_right: list[bool] = []  # a track on a leaf is not called a person
 
-    def row(self) -> dict[str, float]:
-        """The figures."""
-        e = np.array(self.errors).reshape(-1, 4)
-        after = np.array(self.confirmed_after) if self.confirmed_after else np.array([math.nan])
-        minutes = self.seen_time / 60.0
-        return {
-            "place_rms": rms(e[:, 2]),
-            "velocity_rms": rms(e[:, 3]),
-            "velocity_95": float(np.quantile(e[:, 3], 0.95)) if len(e) else math.nan,
-            "confirmed_after": float(np.median(after)),
-            "confirmed_after_90": float(np.quantile(after, 0.9)),
-            "never": self.never,
-            "lost_a_minute": self.lost / max(minutes, 1e-9),
-            "switched_a_minute": self.switched / max(minutes, 1e-9),
-            "false_a_minute": self.false / max(self.time / 60.0, 1e-9),
-            "passages": self.passages,
-            "kept": self.kept,
-            "inside_2_sigma": float(np.mean(self.inside)) if self.inside else math.nan,
-            "people_right": float(np.mean(self.people_right)) if self.people_right else math.nan,
-            "doors_right": float(np.mean(self.doors_right)) if self.doors_right else math.nan,
-            "person_minutes": minutes,
-            "minutes": self.time / 60.0,
-        }
+    def row(self) -> str:
+        """The figures, in the order of the head of the table."""
+        e, nobody = np.array(self.errors).reshape(-1, 4), [math.nan]
+        after = self.confirmed_after or nobody
+        fast = np.quantile(e[:, 3], 0.95) if len(e) else math.nan
+        seen, whole = self.seen_time / 60.0, self.time / 60.0
+        lost, switched = (count / max(seen, 1e-9) for count in (self.lost, self.switched))
+        return (
+            f"{rms(e[:, 2]):5.3f}  {rms(e[:, 3]):5.2f} {fast:5.2f}  "
+            f"{np.median(after):6.2f} {np.quantile(after, 0.9):6.2f}   {self.never:5d}  "
+            f"{lost:5.2f}  {switched:6.2f}  {self.false / max(whole, 1e-9):6.2f}"
+            f"   {self.kept:5d}/{self.passages:<5d}"
+            f"   {np.mean(self.inside or nobody):4.2f}  {np.mean(self.people_right or nobody):4.2f}"
+            f"  {np.mean(self.doors_right or nobody):4.2f}  {seen:6.1f} {whole:6.1f}"
+        )
 
     def bins(self) -> list[tuple[str, str, int, float, float]]:
         """Errors by speed and range."""
@@ -286,13 +276,12 @@ Row = tuple[str, Callable[[int], Episode], int, float, bool, float, int, str, bo
 
 def rows() -> Iterator[Row]:
     """Yield the measured rows."""
+    stands = (4, 20.0, False, 10.0, 1081, "odometry", False)
     for speed in (0.5, 1.0, 1.5):
-        one = (4, 20.0, False, 10.0, 1081, "odometry", False)
-        yield f"one across, {speed:g} m/s", walkers(speed, True), *one
-        yield f"one along, {speed:g} m/s", walkers(speed, False), *one
-    three = (4, 20.0, False, 10.0, 1081, "odometry", False)
-    yield "three abreast, across, 1 m/s", walkers(1.0, True, 3), *three
-    yield "three abreast, along, 1 m/s", walkers(1.0, False, 3), *three
+        yield f"one across, {speed:g} m/s", walkers(speed, True), *stands
+        yield f"one along, {speed:g} m/s", walkers(speed, False), *stands
+    yield "three abreast, across, 1 m/s", walkers(1.0, True, 3), *stands
+    yield "three abreast, along, 1 m/s", walkers(1.0, False, 3), *stands
     for moving in (False, True):
         word = "drives" if moving else "stands"
         yield f"hall, {word}", scene(HALL), 8, 30.0, moving, 10.0, 1081, "odometry", False
@@ -331,16 +320,7 @@ def measure_rows(only: str) -> None:
                 static_map=episode.map if mapped else None,
             )  # fmt: skip
         whole.errors += score.errors if beams == 1081 and rate == 10.0 else []
-        f = score.row()
-        print(
-            f"{name:34}{f['place_rms']:5.3f}  {f['velocity_rms']:5.2f} {f['velocity_95']:5.2f}  "
-            f"{f['confirmed_after']:6.2f} {f['confirmed_after_90']:6.2f}   {f['never']:5d}  "
-            f"{f['lost_a_minute']:5.2f}  {f['switched_a_minute']:6.2f}  {f['false_a_minute']:6.2f}"
-            f"   {f['kept']:5d}/{f['passages']:<5d}"
-            f"   {f['inside_2_sigma']:4.2f}  {f['people_right']:4.2f}  {f['doors_right']:4.2f}"
-            f"  {f['person_minutes']:6.1f} {f['minutes']:6.1f}   seeds 0 to {n - 1}, {pose}",
-            flush=True,
-        )
+        print(f"{name:34}{score.row()}   seeds 0 to {n - 1}, {pose}", flush=True)
     print("\nspeed [m/s]    range [m]      readings  place  speed: RMS of all rows at 10 Hz")
     for speed, far, count, place, velocity in whole.bins():
         print(f"{speed:14} {far:14} {count:8d}  {place:5.3f}  {velocity:5.2f}")

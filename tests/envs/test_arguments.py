@@ -9,8 +9,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-import wheelchair_gym
-from tests.conftest import json_file
+from tests.conftest import ROOT, put
 from wheelchair_gym.base.settings import InputError, dump, load, read_json
 from wheelchair_gym.envs import EnvSettings, NavigationEnv, NavigationVectorEnv
 from wheelchair_gym.envs.settings import env_settings
@@ -19,7 +18,6 @@ from wheelchair_gym.recording.replay import ReplayedChair
 from wheelchair_gym.scenes.map_file import MapFile, example_map
 
 ID = "wheelchair_gym/Navigation-v1"
-ROOT = Path(wheelchair_gym.__file__).parents[1]
 
 
 @pytest.mark.parametrize("kind", [NavigationEnv, NavigationVectorEnv])
@@ -76,7 +74,7 @@ def test_arrays_scalars_and_paths_are_what_they_hold(tmp_path):
     clinic = str(example_map())
     scene = {"name": "map_file", "path": clinic, "start": [2.0, 2.0, 0.0], "goal": [13.0, 8.0, 0.0]}
     plain = {"rate": 5.0, "task": {"beams": 64}, "chair": {"random": {"mass": [100.0, 120.0]}}}
-    file = json_file(tmp_path / "env.json", {**plain, "scene": scene})
+    file = put(tmp_path / "env.json", {**plain, "scene": scene})
     given = gym.make(ID, scene=as_arrays(scene), config=as_arrays(plain)).unwrapped
     same = gym.make(ID, config=file).unwrapped
     assert given.settings == same.settings

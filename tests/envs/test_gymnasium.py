@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agents.learning.sb3 import SB3VecEnv
+from tests.conftest import steps_of
 from wheelchair_gym.compiled.random import SEEDS, bits, episode_key, world_seed
 from wheelchair_gym.envs import EnvSettings, NavigationEnv, NavigationVectorEnv
 from wheelchair_gym.scenes import make_scene
@@ -54,10 +55,7 @@ def test_wrappers_of_one_environment(name, tmp_path):
         disable_logger=True,
     )
     env.reset(seed=0)
-    over = False
-    while not over:
-        _, _, terminated, truncated, info = env.step(AHEAD)
-        over = terminated or truncated
+    *_, (*_, info) = steps_of(env, AHEAD)
     env.close()
     assert info["episode"]["l"] == 6
     assert len(films(tmp_path / "films")) == 1

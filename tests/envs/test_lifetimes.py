@@ -73,10 +73,7 @@ def test_an_environment_that_is_gone_leaves_nothing():
 
 
 def test_own_rewards_do_not_keep_the_environments_of_the_past():
-    class Held:
-        pass
-
-    held = Held()
+    held = set()  # anything that can be referred to weakly
     first = weakref.ref(held)
 
     def make_reward(number, held):
@@ -88,7 +85,7 @@ def test_own_rewards_do_not_keep_the_environments_of_the_past():
 
     for number in range(10):
         compiled_rewards(make_reward(float(number), held))
-        held = Held()
+        held = set()
     gc.collect()
     assert first() is None
 

@@ -1,5 +1,6 @@
 """Laws of the environments: Gymnasium's and SB3's contracts, repeatability, settings, ends."""
 
+import hashlib
 import subprocess
 import sys
 import warnings
@@ -11,23 +12,16 @@ from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
 import wheelchair_gym
-from tests.conftest import ROOT
-from tests.envs.digests import digests_of
-from tests.sim.worlds import box
-from wheelchair_gym.maps import OccupancyGrid
-from wheelchair_gym.types import Episode
+from tests.conftest import ROOT, steps_of
+from wheelchair_gym.envs import NavigationEnv
+from wheelchair_gym.scenes.arena import make_arena
 
 IDS = ["wheelchair_gym/Navigation-v1", "wheelchair_gym/GuidedNavigation-v1"]
 
 
-def room(start, goal, half=4.0):
+def room(start, goal):
     """An empty square room with its map."""
-    plain = box(half)
-    n = round(2 * half / 0.05) + 2
-    cells = np.full((n, n), 100, np.int8)
-    cells[1:-1, 1:-1] = 0
-    grid = OccupancyGrid(cells, 0.05, (-half - 0.05, -half - 0.05, 0.0))
-    return Episode(map=grid, start=np.array(start), goal=np.array(goal), walls=plain.walls)
+    return make_arena((-4.0, -4.0, 4.0, 4.0)).episode(np.array(start), np.array(goal), "room")
 
 
 CHECKED = [
@@ -48,14 +42,42 @@ def test_gymnasium_and_sb3_find_nothing_to_say(env_id, settings, monkeypatch):
         sb3_check_env(gym.make(env_id, **settings))
 
 
+def digest_of(env_id, seed):
+    """A fingerprint of everything that a run returns."""
+    env = gym.make(env_id, split="test", pose_source="modelled", randomize=True)
+    assert isinstance(env.unwrapped, NavigationEnv)
+    h = hashlib.sha256()
+
+    def take(observation, info):
+        for value in observation.values():
+            h.update(value.tobytes())
+        for key in sorted(info):
+            h.update(repr(info[key]).encode())
+
+    take(*env.reset(seed=seed))
+    rng = np.random.default_rng(seed)
+    for _ in range(500):
+        observation, reward, terminated, truncated, info = env.step(rng.uniform(-1, 1, 2))
+        h.update(repr((reward, terminated, truncated)).encode())
+        take(observation, info)
+        if terminated or truncated:
+            take(*env.reset())
+    return h.hexdigest()
+
+
+def digests():
+    return [digest_of(env_id, seed) for env_id in IDS for seed in range(3)]
+
+
 def test_same_seed_same_run_bit_for_bit_in_a_second_process_too():
-    program = [sys.executable, "-m", "tests.envs.digests", *IDS]
-    with subprocess.Popen(program, cwd=ROOT, stdout=subprocess.PIPE, text=True) as other:
-        here, again = digests_of(IDS), digests_of(IDS)
+    program = "from tests.envs.test_navigation import digests; print(digests())"
+    command = [sys.executable, "-c", program]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as other:
+        here, again = digests(), digests()
         there = other.communicate()[0]
     assert here == again
     assert repr(here) == there.strip()
-    assert len({digest for digests in here for digest in digests}) == 6
+    assert len(set(here)) == 6
 
 
 def test_arriving_bumping_and_running_out_of_time_end_an_episode():
@@ -67,17 +89,14 @@ def test_arriving_bumping_and_running_out_of_time_end_an_episode():
         ("timeout", (-2.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0)),
     ):
         env.reset(seed=0, options={"episode": room(start, goal)})
-        steps = 0
-        while True:
-            _, reward, terminated, truncated, info = env.step(np.array(action))
-            steps += 1
+        told = list(steps_of(env, np.array(action)))
+        for _, reward, _, _, info in told:
             assert reward == pytest.approx(sum(info["reward_terms"].values()))
-            if terminated or truncated:
-                break
+        terminated, truncated = told[-1][2:4]
         ends[name] = (terminated, truncated, info["is_success"], info["reward_terms"][name])
         if name == "timeout":
             limit = 30 + 3 * 3.0 / 0.8
-            assert steps * 0.1 == pytest.approx(limit, abs=0.2)
+            assert len(told) * 0.1 == pytest.approx(limit, abs=0.2)
         with pytest.raises(gym.error.ResetNeeded):
             env.step(np.array(action))
     assert ends["arrived"] == (True, False, True, 1.0)
@@ -92,9 +111,7 @@ def test_an_estimated_pose_must_be_nearer_before_it_says_arrived():
     episode = room((-2.0, 0.0, 0.0), (1.0, 0.0, 0.0))
     for seed in range(20):
         env.reset(seed=seed, options={"episode": episode})
-        terminated = False
-        while not terminated:
-            *_, terminated, _, info = env.step(np.array([0.6, 0.0]))
+        *_, (*_, info) = steps_of(env, np.array([0.6, 0.0]))
         truths.append(info["is_success"])
     assert all(truths)
 

@@ -4,6 +4,7 @@ import gymnasium
 import numpy as np
 import pytest
 
+from tests.conftest import steps_of
 from wheelchair_gym.scenes import SCENES, make_scene
 
 SHORT = {"scene": "clutter", "task": {"time_base": 1.5, "time_factor": 0.0}}  # 15 steps
@@ -20,17 +21,13 @@ def test_a_recorded_episode_plays_back_as_it_was_rendered(tmp_path, rate):
     pytest.importorskip("moviepy", reason="moviepy is not installed (extra: view)")
     import imageio_ffmpeg
 
-    rendered = []
     plain = env(render_mode="rgb_array", rate=rate, max_episode_steps=15)
     films = str(tmp_path / "films")
     world = gymnasium.wrappers.RecordVideo(plain, films, lambda _: True, disable_logger=True)
     world.reset(seed=0)
-    over = False
-    while not over:
+    rendered = [plain.render()]
+    for _ in steps_of(world, np.array([0.3, 0.1], dtype=np.float32)):
         rendered.append(plain.render())
-        _, _, ended, truncated, _ = world.step(np.array([0.3, 0.1], dtype=np.float32))
-        over = ended or truncated
-    rendered.append(plain.render())
     world.close()
     (film,) = tmp_path.glob("films/*.mp4")
     reader = imageio_ffmpeg.read_frames(str(film))

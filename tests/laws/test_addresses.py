@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from tests.conftest import ROOT
+from tests.conftest import modules
 from tests.copies import differences
 from wheelchair_gym.actors.records import ACTOR, Actors, combine, door, person, with_trolley
 from wheelchair_gym.base.settings import FARTHEST, InputError
@@ -45,13 +45,6 @@ OTHERS = {"static_body", "surface", *(ENGINE.names or ()), "space", "body", "sha
 
 # Of a world: kernels write them too, from an episode's record and from its own.
 GROUND = {"walls", "discs", "actors", "routes"}
-
-
-def modules():
-    for package in ("wheelchair_gym", "planners", "agents"):
-        for path in sorted((ROOT / package).rglob("*.py")):
-            name = ".".join(path.relative_to(ROOT).with_suffix("").parts)
-            yield name.removesuffix(".__init__"), path
 
 
 def test_addresses_are_taken_in_one_place():

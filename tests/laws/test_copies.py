@@ -5,8 +5,7 @@ Copies of planners and of scenes: tests/planners/test_planners.py, tests/scenes/
 
 import copy
 import pickle
-import subprocess
-import sys
+from operator import methodcaller
 
 import gymnasium as gym
 import numpy as np
@@ -16,8 +15,9 @@ from agents.control import FOLLOWERS
 from agents.learning.sb3 import SB3VecEnv
 from agents.learning.weights import shipped
 from agents.policies import GymPolicy, make_policy
-from tests.conftest import ROOT
+from tests.conftest import ROOT, python
 from tests.copies import COPIERS, by_pickle, differences, drive_copies
+from tests.envs.test_gymnasium import IDS
 from tests.laws.test_policies import SCRIPTED
 from tests.sim.worlds import busy, cluttered, placed
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
@@ -51,9 +51,6 @@ SINGLE = {
 }  # fmt: skip
 ROWS = "clutter", "shield", "crowd", "temporary", "faults", "person"
 MANY = {name: SINGLE[name] for name in ROWS}
-SIMULATED = sorted(
-    name for name in gym.registry if name.startswith("wheelchair_gym/") and "Hardware" not in name
-)
 
 
 def settings_of(settings):
@@ -67,8 +64,7 @@ def forward(rng, shape=(2,)):
     return action.astype(np.float32)
 
 
-def begin(env):
-    return env.reset()
+begin = methodcaller("reset")
 
 
 def step_single(env, rng):
@@ -96,7 +92,7 @@ def test_a_copy_of_an_env_steps_on_as_the_original(name, copies):
     drive_copies(begin, step_single, env, copies, seed=5)
 
 
-@pytest.mark.parametrize("name", SIMULATED)
+@pytest.mark.parametrize("name", IDS)
 def test_a_copy_of_every_registered_env_steps_on_as_the_original(name):
     """With its wrappers."""
     env = gym.make(name, config=BRIEF, bank=BANK)
@@ -152,7 +148,7 @@ def test_a_copy_in_another_process_steps_on_as_the_original(tmp_path):
         "told = drive_on(*pickle.loads(open(path, 'rb').read()))\n"
         "open(path, 'wb').write(pickle.dumps(told))\n"
     )
-    subprocess.run([sys.executable, "-c", program, str(tmp_path / "envs")], cwd=ROOT, check=True)
+    assert python(program, tmp_path / "envs").returncode == 0
     told = pickle.loads((tmp_path / "envs").read_bytes())
     assert not list(differences(told, drive_on(env, many)))
 

@@ -1,6 +1,7 @@
 """Laws of files: any content is read or refused in one line, within the limits."""
 
 import ast
+import contextlib
 import io
 import json
 import os
@@ -17,13 +18,12 @@ from agents.cli import main
 from agents.evaluation.runs import compute, read_store
 from agents.learning.weights import load_weights, save_weights
 from tests.agents.learning.tiny_runs import random_weights
-from tests.conftest import ROOT, refusal
-from tests.fuzz import READERS, Watched, fuzz
+from tests.conftest import ROOT, modules, put, refusal
+from tests.fuzz import READERS, Watched, fuzz, png_chunk
 from wheelchair_gym.base.errors import InputError
 from wheelchair_gym.base.files import LIMITS, atomic_write, exists
 from wheelchair_gym.envs.settings import env_settings
 
-PACKAGES = ("wheelchair_gym", "planners", "agents")
 OPENING = {"read_bytes", "read_text", "read_json", "opened", "open", "imread"}
 LOADING = {"joblib.load", "torch.load", "np.load", "json.load", "yaml.load", "pickle.load"}
 # Functions that open what no stranger gives, and why each needs no case among the readers.
@@ -76,12 +76,10 @@ OWN = {
 
 def opening_functions():
     """Functions of the project, as module.function, that open files."""
-    for package in PACKAGES:
-        for path in sorted((ROOT / package).rglob("*.py")):
-            module = ".".join(path.relative_to(ROOT / package).with_suffix("").parts)
-            for node in ast.walk(ast.parse(path.read_text())):
-                if isinstance(node, ast.FunctionDef) and any(map(opens, ast.walk(node))):
-                    yield f"{module}.{node.name}"
+    for name, path in modules():
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.FunctionDef) and any(map(opens, ast.walk(node))):
+                yield f"{name.partition('.')[2]}.{node.name}"
 
 
 def opens(node):
@@ -103,7 +101,7 @@ def test_every_function_that_opens_files_is_fuzzed():
 @pytest.mark.parametrize("count", [20, pytest.param(2000, marks=pytest.mark.long)])
 def test_mutations_of_valid_files_are_read_or_refused(count):
     """Nothing crashes, hangs, fills the memory or ends in a traceback."""
-    with Watched() as watched:
+    with contextlib.closing(Watched()) as watched:
         failed = {
             name: found["failed"]
             for name in READERS
@@ -119,10 +117,7 @@ def png(width, height, data=b""):
     """A PNG whose header says so."""
     chunks = ((b"IHDR", width.to_bytes(4, "big") + height.to_bytes(4, "big") + b"\x08\0\0\0\0"),
               (b"IDAT", zlib.compress(data)), (b"IEND", b""))  # fmt: skip
-    return b"\x89PNG\r\n\x1a\n" + b"".join(
-        len(data).to_bytes(4, "big") + kind + data + zlib.crc32(kind + data).to_bytes(4, "big")
-        for kind, data in chunks
-    )
+    return b"\x89PNG\r\n\x1a\n" + b"".join(png_chunk(*chunk) for chunk in chunks)
 
 
 def bomb(kind="<f4", shape="(8000000000,)"):
@@ -151,27 +146,24 @@ def plan(file):
 
 def plan_map(text, image=b""):
     def case(folder):
-        (folder / "map.yaml").write_text(text)
         (folder / "map.png").write_bytes(image)
-        return plan(folder / "map.yaml")
+        return plan(put(folder / "map.yaml", text))
 
     return case
 
 
 def problem(text=None, **changes):
     def case(folder):
-        content = json.dumps([PROBLEM | changes]) if text is None else text
-        (folder / "problem_files.json").write_text(content)
-        return ["plan", "--problems", folder / "problem_files.json", "--planner", "visibility"]
+        file = put(folder / "problem_files.json", text or [PROBLEM | changes])
+        return ["plan", "--problems", file, "--planner", "visibility"]
 
     return case
 
 
 def config(content):
     def case(folder):
-        text = content if isinstance(content, str) else json.dumps(content)
-        (folder / "env.json").write_text(text)
-        return ["simulate", "--policy", "straight", "--config", folder / "env.json"]
+        file = put(folder / "env.json", content)
+        return ["simulate", "--policy", "straight", "--config", file]
 
     return case
 
@@ -281,9 +273,6 @@ def test_weights_name_no_code(tmp_path, key, named):
     assert "this" not in sys.modules
 
 
-# ---- stores
-
-
 def square(job):
     return {"value": job * job}
 
@@ -319,9 +308,6 @@ def test_a_store_that_is_a_pipe_is_refused(tmp_path):
     os.mkfifo(tmp_path / "episodes.jsonl")
     with pytest.raises(InputError, match="not a regular file"):
         compute({"0": 0}, square, tmp_path / "episodes.jsonl", progress=False)
-
-
-# ---- standard output
 
 
 FULL, CLOSED = (
@@ -372,9 +358,6 @@ def test_so_is_help_and_the_end_of_the_program(words, code, says):
     assert done.stderr.startswith(says)
     assert done.stderr.count("\n") == (1 if says else 0)
     assert done.returncode == code
-
-
-# ---- documentation
 
 
 def test_the_page_of_files_names_every_limit():

@@ -68,11 +68,9 @@ def other_values(value, hint):
         return [not value]
     if isinstance(value, int):
         return [max(1, value // 4), 2 * value, value + 1, 8, 1, 0]
-    return (
-        [1.0, 2.0, 3, 5.0]
-        if value is None
-        else [0.25 * value, 2 * value, value + 0.3, 9 * value, 0.0]
-    )
+    if value is None:
+        return [1.0, 2.0, 3, 5.0]
+    return [0.25 * value, 2 * value, value + 0.3, 9 * value, 0.0]
 
 
 def idle_settings(name, cls, outcome):

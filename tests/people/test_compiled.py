@@ -232,9 +232,6 @@ def test_help_does_not_shut_a_door_of_eighty_centimetres(name):
     assert arrived == n
 
 
-# ---- the program of `slide`, and its constraints
-
-
 @settings(max_examples=200, deadline=None)
 @given(
     st.lists(st.tuples(deflections, deflections, st.floats(0.0, 1.0)), min_size=1, max_size=8),

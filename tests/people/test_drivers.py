@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tests.conftest import steps_of
 from wheelchair_gym.base.settings import dump
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.geometry.outline import signed_clearance, signed_gap
@@ -153,10 +154,7 @@ def test_few_signals_do_not_turn_a_chair_to_and_fro_for_ever(driver, seed):
         config={"task": {"time_base": 60.0, "time_factor": 10.0}}, split="test"
     )  # fmt: skip
     env.reset(seed=seed)
-    over, info = False, {}
-    while not over:
-        _, _, terminated, truncated, info = env.step(np.zeros(2))
-        over = terminated or truncated
+    *_, (*_, info) = steps_of(env, np.zeros(2))
     assert info["is_success"]
 
 

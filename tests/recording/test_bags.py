@@ -292,12 +292,16 @@ def test_what_is_wrong_is_one_line(drive, arguments, said, tmp_path, capsys):
     assert said in refusal(arguments.format(**places).split(), capsys)
 
 
+def recorded(path, scene="empty"):
+    """An environment that is recorded to a bag."""
+    env = gym.make("wheelchair_gym/Navigation-v1", scene=scene, split="test")
+    return RecordEpisodes(env, path, recording=RecordingSettings(format="ros2"))
+
+
 def test_a_bag_never_replaces_another(tmp_path, caplog):
     (tmp_path / "run").mkdir()
     (tmp_path / "run-1").write_text("mine")
-    settings = RecordingSettings(format="ros2")
-    env = RecordEpisodes(gym.make("wheelchair_gym/Navigation-v1", scene="empty", split="test"),
-                         tmp_path / "run.mcap", recording=settings)  # fmt: skip
+    env = recorded(tmp_path / "run.mcap")
     env.reset(seed=0)
     env.close()
     env.close()
@@ -310,8 +314,7 @@ def test_a_bag_never_replaces_another(tmp_path, caplog):
 
 
 def test_a_full_disk_ends_the_bag(tmp_path, caplog, monkeypatch):
-    env = RecordEpisodes(gym.make("wheelchair_gym/Navigation-v1", scene="empty", split="test"),
-                         tmp_path / "run", recording=RecordingSettings(format="ros2"))  # fmt: skip
+    env = recorded(tmp_path / "run")
     env.reset(seed=0)
     full = OSError(28, "No space left on device")
     monkeypatch.setattr(env._out._bag._bag.storage, "write", Mock(side_effect=full))
@@ -322,8 +325,7 @@ def test_a_full_disk_ends_the_bag(tmp_path, caplog, monkeypatch):
 
 
 def test_actors_are_markers_that_replace_those_of_before(tmp_path):
-    env = gym.make("wheelchair_gym/Navigation-v1", scene="crowd", split="test")
-    env = RecordEpisodes(env, tmp_path / "run", recording=RecordingSettings(format="ros2"))
+    env = recorded(tmp_path / "run", "crowd")
     env.reset(seed=1)
     env.step(np.zeros(2))
     chair, world = env.unwrapped.chair, env.unwrapped.episode

@@ -6,11 +6,9 @@ this project takes part in them.
 
 import json
 import math
-import os
 import shutil
 import signal
 import sqlite3
-import subprocess
 import sys
 from contextlib import closing
 from pathlib import Path
@@ -25,7 +23,7 @@ from rosbags.rosbag2 import Writer as BagWriter
 from rosbags.typesys import Stores, get_typestore
 
 from agents.cli import main
-from tests.conftest import ROOT, refusal
+from tests.conftest import python, refusal
 from wheelchair_gym import InputError
 from wheelchair_gym.maps import OCCUPIED, read_map
 from wheelchair_gym.recording.read_bags import bag_log
@@ -156,8 +154,7 @@ def mapped(path, out):
     rows, columns = np.nonzero(grid.cells == OCCUPIED)
     spots = grid.origin[:2] + grid.resolution * (np.stack([columns, rows], axis=1) + 0.5)
     off = np.abs(np.abs(spots) - 0.5 * np.array([WIDTH, DEPTH])).min(axis=1)
-    wide = np.ptp(spots, axis=0)
-    return SimpleNamespace(off=np.quantile(off, 0.95), size=wide, cells=len(spots))
+    return SimpleNamespace(off=np.quantile(off, 0.95), size=np.ptp(spots, axis=0))
 
 
 WRITERS = {
@@ -323,21 +320,16 @@ def test_frames_of_odometry_may_have_a_prefix(frame, tmp_path, monkeypatch):
 
 
 KILLED = """
-import os, sys, pathlib
+import os, sys
 from tests.recording.test_foreign_bags import write_mcap
 write_mcap(sys.argv[1], 150, finish=False, chunk_size=int(sys.argv[2]))
-print("written", flush=True)
 os.kill(os.getpid(), 9)
 """
 
 
 def killed(file, chunk_size):
     """A file without an index, of a program that was killed."""
-    environ = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path])}
-    done = subprocess.run(
-        [sys.executable, "-c", KILLED, str(file), str(chunk_size)], env=environ,
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
+    done = python(KILLED, file, chunk_size)
     assert done.returncode == -signal.SIGKILL, done.stderr
     return file
 

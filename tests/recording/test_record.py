@@ -18,6 +18,7 @@ from agents.cli import main
 from agents.policies import GymPolicy, make_policy
 from tests.conftest import ROOT, refusal
 from tests.copies import same_fields
+from tests.envs.test_gymnasium import IDS
 from wheelchair_gym import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.geometry.planar import compose
@@ -31,12 +32,7 @@ from wheelchair_gym.sim.chair import SimulatedChair
 from wheelchair_gym.types import Belief
 
 OLD = Path(__file__).parent / "data" / "first.mcap"  # as the first release wrote it
-NAMES = [
-    name
-    for name, spec in gym.registry.items()
-    if name.startswith("wheelchair_gym/")
-    and not {"chair", "driver"} & set(spec.kwargs)  # a real one is elsewhere, people below
-]
+NAMES = [name for name in IDS if "driver" not in gym.spec(name).kwargs]  # people below
 SOURCES = get_args(get_type_hints(SensorSettings)["pose_source"])
 # Every variant with every pose source, each once at least.
 KINDS = [(NAMES[k % len(NAMES)], source) for k, source in enumerate(SOURCES)]
@@ -327,6 +323,11 @@ def test_what_is_no_recording_is_one_line(run, damage, tmp_path, capsys):
     assert "b.mcap" in refusal(["replay", file], capsys)
 
 
+def recorded(file):
+    """An environment without things that is recorded to a file."""
+    return RecordEpisodes(gym.make("wheelchair_gym/Navigation-v1", scene="empty"), file)
+
+
 def driven(env, steps):
     """Rewards of an episode of turning on the spot, nearly."""
     env.reset(seed=1)
@@ -354,7 +355,7 @@ class SmallDisk:
 def test_a_full_disk_ends_the_recording_and_not_the_run(room, kind, tmp_path, monkeypatch, caplog):
     """One line says so; the file is whole up to there. The limit is the kernel's, of any file."""
     file, limits = tmp_path / "run.mcap", resource.getrlimit(resource.RLIMIT_FSIZE)
-    env = RecordEpisodes(gym.make("wheelchair_gym/Navigation-v1", scene="empty"), file)
+    env = recorded(file)
     if kind == "disk":
         disk = env._out._output
         monkeypatch.setattr(disk, "_file", SmallDisk(disk._file, room))
@@ -401,9 +402,7 @@ def test_a_full_disk_ends_the_run_where_that_is_wanted(tmp_path, monkeypatch, ca
 def test_a_recording_never_replaces_another(tmp_path, caplog):
     names = []
     for steps in (3, 4, 5):
-        env = RecordEpisodes(
-            gym.make("wheelchair_gym/Navigation-v1", scene="empty"), tmp_path / "a.mcap"
-        )
+        env = recorded(tmp_path / "a.mcap")
         driven(env, steps)
         env.close()
         names.append(env.file.name)
@@ -415,7 +414,7 @@ def test_a_recording_never_replaces_another(tmp_path, caplog):
 
 def test_a_run_that_an_error_ends_is_readable(tmp_path):
     file = tmp_path / "run.mcap"
-    env = RecordEpisodes(gym.make("wheelchair_gym/Navigation-v1", scene="empty"), file)
+    env = recorded(file)
     driven(env, 5)
     env._log_reading = lambda: 1 / 0
     with pytest.raises(ZeroDivisionError):
@@ -427,7 +426,7 @@ def test_a_run_that_an_error_ends_is_readable(tmp_path):
 def test_a_run_that_is_killed_is_readable_up_to_its_last_second(tmp_path):
     """Nothing is closed; the last messages are in memory alone."""
     file, copy = tmp_path / "run.mcap", tmp_path / "copy.mcap"
-    env = RecordEpisodes(gym.make("wheelchair_gym/Navigation-v1", scene="empty"), file)
+    env = recorded(file)
     rewards = driven(env, 60)
     copy.write_bytes(file.read_bytes())
     env.close()

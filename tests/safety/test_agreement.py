@@ -21,6 +21,7 @@ from tests.benchmarks.senses import (
     stuck,
     world,
 )
+from tests.safety.test_shield import begin
 from tests.sim.worlds import box, placed, step
 from wheelchair_gym.safety import Shield, ShieldSettings
 from wheelchair_gym.scenes.arena import EmptyRoom
@@ -54,8 +55,7 @@ def test_a_scan_that_repeats_is_doubted_where_only_a_pole_shows_motion(deceit, s
 def test_in_a_passage_longer_than_the_laser_reaches_no_fresh_scan_is_doubted(half):
     """The place where its walls are lost from sight moves with the chair, as in repeated scans."""
     walls = [(-30.0, y, 30.0, y) for y in (half, -half)]
-    chair, shield = SimulatedChair(), Shield()
-    reading = chair.reset(box(40.0, (-15.0, 0.05, 0.01), walls), 2)
+    chair, shield, reading = begin(box(40.0, (-15.0, 0.05, 0.01), walls), 2)
     for _ in range(200):
         _, y, yaw = chair.truth.pose
         reading = step(chair, shield, (0.8, -0.3 * y - 0.6 * yaw), reading)
@@ -73,8 +73,7 @@ def test_a_delay_that_grows_is_followed():
 
 
 def test_the_set_point_follows_wheels_that_outrun_it_lastingly():
-    chair, shield = SimulatedChair(), Shield()
-    reading = chair.reset(EmptyRoom().sample(np.random.default_rng(0)), 0)
+    _, shield, reading = begin(EmptyRoom().sample(np.random.default_rng(0)), 0)
     for k, followed in enumerate((False, False, True, True)):
         wheels, laser = np.array([0.2 - 0.001 * k, 0.0]), reading.laser + np.float32(0.001 * k)
         seen = reading._replace(twist=wheels, laser=laser, stamp=0.1 * k)
@@ -86,8 +85,8 @@ def test_the_set_point_follows_wheels_that_outrun_it_lastingly():
 @pytest.mark.parametrize("wheels", [-0.3, 0.8])
 def test_wheels_that_do_not_do_what_is_asked_are_a_fault(command, wheels):
     """The set point follows wheels that outrun it, also the wrong way round: that hides nothing."""
-    chair, shield, room = SimulatedChair(), Shield(), EmptyRoom(size=(40.0, 20.0))
-    reading = chair.reset(room.sample(np.random.default_rng(0)), 0)
+    room = EmptyRoom(size=(40.0, 20.0)).sample(np.random.default_rng(0))
+    chair, shield, reading = begin(room, 0)
     for _ in range(20):
         shield.filter(np.array([command, 0.0]), reading)
         if shield.latched:
@@ -142,15 +141,13 @@ def test_a_sector_without_echoes_erases_nothing(width, bearing):
     """A drop on the window."""
     fault = Fault("", blind(width, bearing, ONSET))
     for thing in THINGS:
-        outcome = drive(fault, thing, SPEEDS[1], 0, 10.0)
-        assert outcome.contact <= HARM, thing
+        assert drive(fault, thing, SPEEDS[1], 0, 10.0).contact <= HARM, thing
 
 
 def test_somebody_who_left_does_not_block_a_hall_for_ever():
     """Nothing stands behind them within the laser's reach."""
-    chair, shield = SimulatedChair(), Shield()
     wall = (-6.0, 3.0, 8.0, 3.0)
-    reading = chair.reset(box(40.0, walls=wall, discs=(2.5, 0.0, 0.25)), 1)
+    chair, shield, reading = begin(box(40.0, walls=wall, discs=(2.5, 0.0, 0.25)), 1)
     for _ in range(60):
         reading = chair.drive(shield.filter(np.array([0.8, 0.0]), reading))
     assert shield.decision.reason == "obstacle"

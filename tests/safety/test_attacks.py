@@ -40,9 +40,8 @@ def test_what_once_did_harm_does_no_harm(scene, rate, seed, faults):
 
     Round a corner at 5 Hz, a stop in comfort that leaves too little becomes a protective one.
     """
-    report, harmful = attack(
-        scene, 1, 4, shield=True, faults=faults, seed=seed, bank=200, rate=rate
-    )
+    given = {"faults": faults, "seed": seed, "rate": rate}
+    report, harmful = attack(scene, 1, 4, shield=True, bank=200, **given)
     assert report.attacks == 4
     assert harmful == []
 

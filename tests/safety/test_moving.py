@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 
-from tests.safety.test_shield import AHEAD, STILL, among_people, drive
+from tests.safety.test_shield import AHEAD, STILL, begin, drive, hits
 from tests.sim.worlds import box
 from wheelchair_gym.actors.records import NOBODY, person
 from wheelchair_gym.safety import Shield, ShieldSettings
 from wheelchair_gym.safety.moving import _owner, may_reach_point, spread_tracked
 from wheelchair_gym.safety.state import NEARBY, ShieldConstants
 from wheelchair_gym.sensors.settings import SensorSettings
-from wheelchair_gym.sim.chair import SimulatedChair
 from wheelchair_gym.sim.settings import ChairSettings
 
 TRACKS, NONE = ShieldSettings(), ShieldSettings(tracks=False)
@@ -101,8 +100,10 @@ def test_where_somebody_has_walked_it_backs_slowly_and_only_for_a_while():
     speeds = {}
     for wary in (0.0, 4.0):
         shield = Shield(ShieldSettings(wary_time=wary, moving_memory_time=0.5))
-        trace = among_people(passer, twist=(-0.3, 0.0), seconds=9.0, shield=shield)
-        speeds[wary] = np.array([-truth.twist[0] for _, truth, _ in trace])
+        trace, _, _ = drive(
+            (0.0, 0.0, 0.0), (-0.3, 0.0), 9.0, half=8.0, shield=shield, actors=[passer]
+        )
+        speeds[wary] = np.array([-truth.twist[0] for _, truth in trace])
     assert speeds[0.0][10:30].max() > 0.07
     assert speeds[4.0][10:30].max() < 0.052
     assert speeds[4.0][70:].max() > 0.07
@@ -111,9 +112,11 @@ def test_where_somebody_has_walked_it_backs_slowly_and_only_for_a_while():
 def speeds_among(settings, way, speed, seconds=6.0):
     """Speeds [m/s] of a chair that is to drive ahead, with somebody on a way of theirs."""
     walker = person(way, speed, avoids=NOBODY)
-    trace = among_people(walker, seconds=seconds, shield=Shield(settings), start=(-4.0, 0.0, 0.0))
-    assert not any(truth.at_fault for _, truth, _ in trace)
-    return np.array([truth.twist[0] for _, truth, _ in trace])
+    trace, _, _ = drive(
+        (-4.0, 0.0, 0.0), AHEAD, seconds, half=8.0, shield=Shield(settings), actors=[walker]
+    )
+    assert not hits(trace)
+    return np.array([truth.twist[0] for _, truth in trace])
 
 
 @pytest.mark.parametrize(
@@ -146,9 +149,8 @@ def test_where_nothing_moves_nobody_is_tracked_and_nothing_changes():
 
 def test_a_clock_that_stands_still_leaves_nobody_tracked():
     """Scans that come with one stamp show no velocity."""
-    chair, shield = SimulatedChair(), Shield()
     walker = person([(1.5, -2.0), (1.5, 2.0)], 1.0, avoids=NOBODY)
-    reading = chair.reset(box(8.0, actors=[walker]), 3)
+    chair, shield, reading = begin(box(8.0, actors=[walker]), 3)
     for _ in range(20):
         shield.filter(STILL, reading)
         reading = chair.drive(STILL)

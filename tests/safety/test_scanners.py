@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from tests.safety.test_shield import begin
-from tests.sim.worlds import box, step
+from tests.safety.test_shield import begin, drive
+from tests.sim.worlds import box
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.safety import Shield
 from wheelchair_gym.safety.grid import place_of_cell
@@ -28,39 +28,37 @@ def with_more(*lasers, **others):
     return settings.SensorSettings(ultrasonic=NONE, more_lasers=lasers, **others)
 
 
-def reverse(sensors, twist=BACKWARD, seconds=20.0, discs=(), key=3, change=lambda k, r: r):
+def reverse(sensors, twist=BACKWARD, seconds=20.0, **others):
     """Ask for one twist from near the rear wall, in a room; chair, shield, reasons."""
-    world, reasons = box(5.0, (-3.5, 0.0, 0.0), discs=discs), []
-    chair, shield, reading = begin(world, key, sensors=sensors)
-    for k in range(round(seconds / 0.1)):
-        reading = step(chair, shield, twist, change(k, reading))
-        reasons.append(shield.decision.reason)
-    return chair, shield, reasons
+    trace, chair, shield = drive((-3.5, 0.0, 0.0), twist, seconds, sensors=sensors, **others)
+    return chair, shield, [decision.reason for decision, _ in trace]
 
 
-@pytest.mark.parametrize("laser", [BACK, CAMERA])
+def changed(reading, beams, ranges):
+    """The reading with other ranges of some beams."""
+    laser = reading.laser.copy()
+    laser[beams] = ranges
+    return reading._replace(laser=laser)
+
+
 @pytest.mark.parametrize("key", [3, 4, 5])
-def test_a_wall_that_only_the_rear_scanner_sees_stops_it(laser, key):
-    chair, _, reasons = reverse(with_more(laser), key=key)
+@pytest.mark.parametrize(
+    ("sensors", "blind", "nearest"),
+    [
+        (with_more(BACK), False, 0.15),
+        (with_more(CAMERA), False, 0.15),
+        (dataclasses.replace(TEN, more_lasers=()), False, 0.3),
+        (TEN, True, 0.3),
+    ],
+    ids=["scanner", "camera", "ultrasonics", "ultrasonics beside a blind scanner"],
+)
+def test_a_wall_that_only_rear_sensors_see_or_hear_stops_it(sensors, blind, nearest, key):
+    behind = sensors.slices[1] if blind else []
+    chair, _, reasons = reverse(
+        sensors, key=key, told=lambda _, reading: changed(reading, behind, np.inf)
+    )
     assert not chair.truth.touched
-    assert chair.truth.clearance < 0.15
-    assert reasons[-1] == "obstacle"
-
-
-@pytest.mark.parametrize("blind", [False, True])
-@pytest.mark.parametrize("key", [3, 4, 5])
-def test_a_wall_that_only_the_rear_ultrasonics_hear_stops_it(blind, key):
-    """The chair has no rear scanner, or one that sees nothing."""
-
-    def change(k, reading):
-        laser = reading.laser.copy()
-        laser[settings.SensorSettings().laser.beams :] = np.inf
-        return reading._replace(laser=laser)
-
-    sensors = TEN if blind else dataclasses.replace(TEN, more_lasers=())
-    chair, _, reasons = reverse(sensors, key=key, change=change)
-    assert not chair.truth.touched
-    assert chair.truth.clearance < 0.3
+    assert chair.truth.clearance < nearest
     assert reasons[-1] == "obstacle"
 
 
@@ -82,9 +80,9 @@ def test_a_post_that_one_beam_meets_stops_it(aside):
 def test_what_leaves_the_view_of_its_scanner_is_remembered():
     """A post enters the blind corner beside a narrow fan; the chair turns, then reverses."""
     sensors = with_more(dataclasses.replace(CAMERA, beams=41))
-    chair, shield, reading = begin(box(5.0, discs=(-0.75, 0.0, 0.03)), 3, sensors=sensors)
-    for twist in [np.array([0.0, 0.6])] * 15 + [BACKWARD] * 60:
-        reading = step(chair, shield, twist, reading)
+    asked = [(0.0, 0.6)] * 15 + [BACKWARD] * 60
+    post = (-0.75, 0.0, 0.03)
+    _, chair, _ = drive((0.0, 0.0, 0.0), asked.__getitem__, 7.5, sensors=sensors, discs=post)
     assert not chair.truth.touched
 
 
@@ -96,9 +94,9 @@ def test_it_leaves_when_the_thing_behind_has_gone():
         reading = chair.drive(shield.filter(BACKWARD, reading))
     assert shield.decision.reason == "obstacle"
     reading = chair.reset(box(5.0), 3)._replace(stamp=reading.stamp)
-    for k in range(30):
+    for _ in range(30):
         given = shield.filter(BACKWARD, reading)
-        reading = chair.drive(given)._replace(stamp=reading.stamp + 0.1 * (k > -1))
+        reading = chair.drive(given)._replace(stamp=reading.stamp + 0.1)
     assert chair.truth.twist[0] < -0.05
 
 
@@ -106,14 +104,12 @@ def test_it_leaves_when_the_thing_behind_has_gone():
 def test_a_rear_scanner_that_loses_its_echoes_forgets_nothing(covered):
     """A sticker on its window, before a post behind the chair."""
     sensors = with_more(BACK)
-    sector = np.arange(1081 + 60, 1081 + 121)
+    sector = slice(1081 + 60, 1081 + 121)
 
-    def change(k, reading):
-        laser = reading.laser.copy()
-        laser[sector] = np.where(covered and k > 15, np.inf, laser[sector])
-        return reading._replace(laser=laser)
+    def told(k, reading):
+        return changed(reading, sector, np.inf) if covered and k > 15 else reading
 
-    chair, _, reasons = reverse(sensors, seconds=10.0, discs=(-4.3, 0.0, 0.05), change=change)
+    chair, _, reasons = reverse(sensors, seconds=10.0, discs=(-4.3, 0.0, 0.05), told=told)
     assert reasons[-1] == "obstacle"
     assert not chair.truth.touched
 
@@ -124,11 +120,8 @@ TURN = np.array([0.0, 0.8])
 @pytest.mark.parametrize("shows_free", [True, False])
 def test_it_turns_fast_over_floor_that_a_rear_scanner_shows_free(shows_free):
     sensors = with_more(dataclasses.replace(FREE, shows_free=shows_free))
-    chair, shield, reading = begin(box(5.0), 3, sensors=sensors)
-    fastest = 0.0
-    for _ in range(30):  # at first, what is beside it has not been seen
-        reading = chair.drive(shield.filter(TURN, reading))
-        fastest = max(fastest, chair.truth.twist[1])
+    trace, _, _ = drive((0.0, 0.0, 0.0), TURN, 3.0, sensors=sensors)
+    fastest = max(truth.twist[1] for _, truth in trace)  # at first, it has not seen beside it
     assert (fastest > 0.7) == shows_free
     assert (fastest < 0.25) == (not shows_free)
 
@@ -154,12 +147,11 @@ def test_a_rear_scanner_that_tells_nothing_shows_nothing_free(what):
     sensors = with_more(dataclasses.replace(FREE, reach=0.5 if what == "short" else FREE.reach))
     at, (chair, shield, reading) = sensors.slices[1], begin(box(5.0), 3, sensors=sensors)
     for k in range(12):
-        ranges = reading.laser.copy()
         if k == 6:
-            kept = ranges[at].copy()
+            kept = reading.laser[at].copy()
         if k > 6 and what != "short":
-            ranges[at] = np.inf if what == "blind" else kept
-        reading = chair.drive(shield.filter(0.1 * TURN, reading._replace(laser=ranges)))
+            reading = changed(reading, at, np.inf if what == "blind" else kept)
+        reading = chair.drive(shield.filter(0.1 * TURN, reading))
     state = shield.state[0]
     behind = math.floor(-1.2 / CELL)  # along x
     seen = state["seen"][[int(place_of_cell.py_func(behind + k, 0)) for k in (0, 1)]]
@@ -179,15 +171,12 @@ def test_a_rear_scanner_that_fails_stops_the_chair(what):
     sensors = with_more(BACK)
     at, last = sensors.slices[1], []
 
-    def change(k, reading):
-        ranges = reading.laser.copy()
+    def told(k, reading):
         if k == 10:
-            last.append(ranges[at].copy())
-        if k >= 10:
-            ranges[at] = np.nan if what == "silent" else last[0]
-        return reading._replace(laser=ranges)
+            last.append(reading.laser[at].copy())
+        return reading if k < 10 else changed(reading, at, np.nan if what == "silent" else last[0])
 
-    _, shield, _ = reverse(sensors, np.array([-0.1, 0.3]), seconds=3.0, change=change)
+    _, shield, _ = reverse(sensors, (-0.1, 0.3), seconds=3.0, told=told)
     assert shield.latched == f"laser {what}"
 
 

@@ -30,23 +30,35 @@ UNSEEN = ShieldSettings().unseen_speed
 LEVER = math.hypot(Footprint().rear, Footprint().half_width)  # of a rear corner
 
 
-def begin(world, key, chair=None, sensors=None, period=0.1, **own):
-    """A chair in a world, its shield with settings of its own, and the first reading."""
-    driven = SimulatedChair(chair, sensors, period=period)
-    shield = Shield(ShieldSettings(**own), chair, sensors, period)
-    return driven, shield, driven.reset(world, key)
-
-
-def drive(start, twist, seconds, *, half=5.0, key=3, sensors=None, shield=None, walls=()):
-    """Ask for one twist again and again in a square room; what was driven, and the chair."""
+def begin(world, key, sensors=None):
+    """A chair in a world, its shield, and the first reading."""
     chair = SimulatedChair(sensors=sensors)
-    shield = shield or Shield(sensors=sensors)
+    return chair, Shield(sensors=sensors), chair.reset(world, key)
+
+
+def drive(
+    start, twist, seconds, *, half=5.0, key=3, own=None, sensors=None, period=0.1, shield=None,
+    told=lambda k, reading: reading, **things
+):  # fmt: skip
+    """Ask for one twist, or for that of each period k, in a square room of things.
+
+    Returns:
+        Decision and truth of each period, the chair and the shield, which sees what is `told`.
+    """
+    chair = SimulatedChair(own, sensors, period=period)
+    shield = shield or Shield(chair=own, sensors=sensors, period=period)
     shield.reset()
-    reading, trace = chair.reset(box(half, start, walls), key), []
-    for _ in range(round(seconds / 0.1)):
-        reading = step(chair, shield, twist, reading)
+    reading, trace = chair.reset(box(half, start, **things), key), []
+    for k in range(round(seconds / period)):
+        asked = twist(k) if callable(twist) else twist
+        reading = step(chair, shield, asked, told(k, reading))
         trace.append((shield.decision, chair.truth))
     return trace, chair, shield
+
+
+def hits(trace):
+    """Return True if the chair caused a contact."""
+    return any(truth.at_fault for _, truth in trace)
 
 
 @pytest.mark.parametrize(
@@ -67,24 +79,14 @@ def test_it_stops_before_a_wall_and_near_it(start, twist):
     assert trace[-1][0].reason == "obstacle"
 
 
-def charge(key, **things):
-    """Drive at full speed at something 4 m ahead; the truths."""
-    chair, shield, reading = begin(box(5.0, (-3.5, 0.0, 0.0), **things), key)
-    truths = []
-    for _ in range(80):
-        reading = step(chair, shield, AHEAD, reading)
-        truths.append(chair.truth)
-    return truths
-
-
 @pytest.mark.parametrize(
     ("key", "offset"), [(3, 0.0095), (44, 0.0084), (153, 0.0085), (198, 0.0013), (330, 0.0027)]
 )
 def test_the_end_of_a_door_leaf_stops_it(key, offset):
     """Hinged straight ahead, open: 40 mm are all that the laser sees of it."""
     leaf = door((1.0, offset), 0.0, 1.0, math.pi / 2)
-    truths = charge(key, actors=[leaf])
-    assert not truths[-1].touched
+    _, chair, _ = drive((-3.5, 0.0, 0.0), AHEAD, 8.0, key=key, actors=[leaf])
+    assert not chair.truth.touched
 
 
 @pytest.mark.parametrize("radius", [0.0005, 0.001, 0.0045])
@@ -92,20 +94,22 @@ def test_what_one_beam_meets_again_stops_it(radius):
     rng = np.random.default_rng(0)
     for key in range(15):
         post = (1.0, rng.uniform(0.0, 0.010), radius)
-        assert max(t.approach_speed * t.at_fault for t in charge(key, discs=post)) <= 0.05
+        trace, _, _ = drive((-3.5, 0.0, 0.0), AHEAD, 8.0, key=key, discs=post)
+        assert max(truth.approach_speed * truth.at_fault for _, truth in trace) <= 0.05
 
 
 def test_ghosts_that_one_beam_meets_do_not_stop_it():
     """Three false near echoes in each scan, anywhere; now and then two are by chance alike."""
-    chair, shield, reading = begin(box(9.0, (-8.0, 0.0, 0.0)), 1)
-    rng, changed = np.random.default_rng(0), 0
-    for _ in range(150):
+    rng = np.random.default_rng(0)
+
+    def haunted(_, reading):
         laser = reading.laser.copy()
         for beam in rng.integers(1, len(laser) - 1, 3):
             laser[beam] = rng.uniform(0.3, laser[beam] if laser[beam] < 10.0 else 10.0)
-        reading = step(chair, shield, AHEAD, reading._replace(laser=laser))
-        changed += shield.decision.reason != ""
-    assert changed <= 10
+        return reading._replace(laser=laser)
+
+    trace, chair, _ = drive((-8.0, 0.0, 0.0), AHEAD, 15.0, half=9.0, key=1, told=haunted)
+    assert sum(decision.reason != "" for decision, _ in trace) <= 10
     assert chair.truth.pose[0] > 3.0
 
 
@@ -128,11 +132,8 @@ def test_a_rib_before_a_wall_is_not_averaged_away(depth):
 
 @pytest.mark.parametrize(("depth", "key", "place"), [(0.055, 71, -0.065), (0.065, 59, -0.044)])
 def test_at_50_hertz_it_creeps_onto_no_rib(depth, key, place):
-    world = box(5.0, (1.0, 0.0, 0.0), rib(depth, place))
-    chair, shield, reading = begin(world, key, period=0.02)
-    for _ in range(450):
-        reading = step(chair, shield, AHEAD, reading)
-        assert not chair.truth.at_fault
+    walls = rib(depth, place)
+    assert not hits(drive((1.0, 0.0, 0.0), AHEAD, 9.0, key=key, period=0.02, walls=walls)[0])
 
 
 @pytest.mark.parametrize("mass", [20.0, 60.0, 270.0])
@@ -140,10 +141,8 @@ def test_at_50_hertz_it_creeps_onto_no_rib(depth, key, place):
 def test_the_lightest_and_the_heaviest_that_is_taken_stops_in_time(mass, friction):
     settings = ChairSettings(body=BodySettings(mass=mass, friction=friction))
     for key, twist in enumerate(((0.8, 0.0), (0.8, 0.1), (0.8, 0.4))):
-        chair, shield, reading = begin(box(3.0, (0.0, 0.0, 0.3)), key, settings)
-        for _ in range(70):
-            reading = step(chair, shield, np.array(twist), reading)
-            assert not chair.truth.at_fault
+        trace, _, _ = drive((0.0, 0.0, 0.3), twist, 7.0, half=3.0, key=key, own=settings)
+        assert not hits(trace)
 
 
 def test_with_less_to_brake_with_a_chair_of_lower_limits_is_taken():
@@ -152,10 +151,8 @@ def test_with_less_to_brake_with_a_chair_of_lower_limits_is_taken():
         turn_acceleration=0.8,
     )  # fmt: skip
     settings = ChairSettings(body=BodySettings(friction=0.1), limits=limits)
-    chair, shield, reading = begin(box(3.0, (0.0, 0.0, 0.3)), 1, settings)
-    for _ in range(120):
-        reading = step(chair, shield, AHEAD, reading)
-        assert not chair.truth.at_fault
+    trace, chair, _ = drive((0.0, 0.0, 0.3), AHEAD, 12.0, half=3.0, key=1, own=settings)
+    assert not hits(trace)
     assert chair.truth.clearance < 0.2
 
 
@@ -190,12 +187,10 @@ def test_back_along_the_way_it_came_it_may_go_faster_where_that_is_trusted_for_l
     """Doors fall to behind a chair: for who stops within a second it is not."""
     fastest = []
     for vacated in (1.0, 3.0):
-        chair, shield, reading = begin(box(5.0, (-2.0, 0.0, 0.0)), 1, vacated_time=vacated)
-        speeds = []
-        for k in range(50):
-            reading = step(chair, shield, np.array([0.5, 0.0]) if k < 20 else BACK, reading)
-            speeds.append(-chair.truth.twist[0])
-        fastest.append(max(speeds))
+        shield = Shield(ShieldSettings(vacated_time=vacated))
+        to_and_fro = lambda k: (0.5, 0.0) if k < 20 else BACK  # noqa: E731
+        trace, _, _ = drive((-2.0, 0.0, 0.0), to_and_fro, 5.0, key=1, shield=shield)
+        fastest.append(max(-truth.twist[0] for _, truth in trace))
     assert 0.6 * UNSEEN < fastest[0] <= UNSEEN
     assert fastest[1] > 1.5 * UNSEEN
 
@@ -220,10 +215,9 @@ def test_a_way_out_is_left(start, way_out):
 def test_what_slipped_out_of_view_is_remembered(turn):
     """A post that the laser saw stands beside the rear when the chair turns, for long, too."""
     post = [(0.9, 0.55, 0.9, 0.60), (0.9, 0.60, 0.95, 0.60), (0.95, 0.60, 0.9, 0.55)]
-    chair, shield, reading = begin(box(5.0, walls=post), 1)
-    for k in range(900):
-        reading = step(chair, shield, AHEAD if k < 22 else np.array(turn), reading)
-        assert not chair.truth.touched
+    asked = lambda k: AHEAD if k < 22 else turn  # noqa: E731
+    trace, _, _ = drive((0.0, 0.0, 0.0), asked, 90.0, key=1, walls=post)
+    assert not any(truth.touched for _, truth in trace)
 
 
 def test_of_more_than_it_remembers_the_last_is_kept():
@@ -335,9 +329,8 @@ def fail(reading, kept, which, how, since):
 
 
 def test_a_chair_that_stands_in_a_world_without_noise_is_not_frozen():
-    chair, shield, reading = begin(box(5.0), 1, sensors=SensorSettings(noise=False))
-    for k in range(80):
-        reading = step(chair, shield, AHEAD if k > 50 else np.zeros(2), reading)
+    quiet, asked = SensorSettings(noise=False), lambda k: AHEAD if k > 50 else STILL
+    _, chair, shield = drive((0.0, 0.0, 0.0), asked, 8.0, key=1, sensors=quiet)
     assert shield.latched == ""
     assert chair.truth.twist[0] > 0.5
 
@@ -377,13 +370,9 @@ def test_an_echo_that_no_laser_explains_stops_it_once_it_is_heard_again():
 
 
 def test_a_lone_ghost_and_an_echo_that_a_laser_explains_change_nothing():
-    chair, shield, reading = begin(box(6.0, (-4.0, 0.0, 0.0)), 1)
-    reasons = []
-    for k in range(40):
-        told = glassy(reading, 0.6) if k == 20 else reading
-        reading = step(chair, shield, AHEAD, told)
-        reasons.append(shield.decision.reason)
-    assert set(reasons) == {""}
+    ghost = lambda k, reading: glassy(reading, 0.6) if k == 20 else reading  # noqa: E731
+    trace, _, _ = drive((-4.0, 0.0, 0.0), AHEAD, 4.0, half=6.0, key=1, told=ghost)
+    assert {decision.reason for decision, _ in trace} == {""}
     # Beside a wall a wide cone hears it all the time.
     trace, _, _ = drive((-4.0, 4.45, 0.0), (0.5, 0.0), 6.0)
     assert {decision.reason for decision, _ in trace} == {""}
@@ -420,35 +409,20 @@ def test_a_failed_sensor_of_the_simulation_is_what_the_shield_latches():
         assert len(latched) == 1 or kind not in FAULTS
 
 
-def among_people(*people, start=(0.0, 0.0, 0.0), twist=AHEAD, seconds=3.0, shield=None):
-    """Ask for one twist among people in a wide room: decisions, truths, and the shield's marks."""
-    chair, shield = SimulatedChair(), shield or Shield()
-    reading, told = chair.reset(box(8.0, start, actors=people), 3), []
-    for _ in range(round(seconds / 0.1)):
-        before = chair.truth
-        given = shield.filter(np.asarray(twist, float), reading)
-        state = shield.state[0]
-        marks = state["marks"][: state["n_marks"]].copy()
-        # Marks are dead-reckoned; in the chair's frame, as who moves is.
-        at = to_frame(np.column_stack([marks["x"], marks["y"]]), state["pose"])
-        told.append((shield.decision, before, at))
-        reading = chair.drive(given, shield.decision.protective)
-    return told
-
-
 def test_a_person_who_walks_up_from_behind_does_not_stop_it():
     follower = person([(-3.2, 0.9), (7.0, 0.9)], 0.6, avoids=NOBODY)
-    told = among_people(follower, start=(-2.0, 0.0, 0.0), seconds=6.0)
-    assert not any(decision.reason == "moving" for decision, _, _ in told)
-    assert told[-1][1].twist[0] > 0.75
+    trace, chair, _ = drive((-2.0, 0.0, 0.0), AHEAD, 6.0, half=8.0, actors=[follower])
+    assert not any(decision.reason == "moving" for decision, _ in trace)
+    assert chair.truth.twist[0] > 0.75
 
 
 def test_a_person_who_steps_before_it_stops_it():
-    told = among_people(person([(2.6, 4.0), (2.6, -4.0)], 1.2, avoids=NOBODY), seconds=5.0)
-    assert any(decision.reason == "moving" for decision, _, _ in told)
-    assert not any(truth.at_fault for _, truth, _ in told)
-    speeds = np.array([truth.twist[0] for _, truth, _ in told])
-    hard = np.array([decision.protective for decision, _, _ in told])[:-1]
+    crosses = person([(2.6, 4.0), (2.6, -4.0)], 1.2, avoids=NOBODY)
+    trace, _, _ = drive((0.0, 0.0, 0.0), AHEAD, 5.0, half=8.0, actors=[crosses])
+    assert any(decision.reason == "moving" for decision, _ in trace)
+    assert not hits(trace)
+    speeds = np.array([truth.twist[0] for _, truth in trace])
+    hard = np.array([decision.protective for decision, _ in trace])[1:]
     assert np.diff(speeds)[hard].min() < -0.15  # a period of a protective stop
 
 
@@ -463,9 +437,9 @@ def test_on_its_way_through_rest_it_is_not_at_rest(speed):
 def test_a_person_who_has_left_its_view_may_stand_behind_it():
     """Somebody walks past a chair that turns, and on behind it, where the laser sees nothing."""
     passer = person([(3.0, -1.2), (-4.0, -1.2)], 1.2, avoids=NOBODY)
-    told = among_people(passer, twist=LEFT, seconds=4.5)
-    ahead = [to_frame(truth.actor_poses[:1, :2], truth.pose)[0, 0] for _, truth, _ in told]
-    turns = np.array([LEVER * truth.twist[1] for _, truth, _ in told])
+    trace, _, _ = drive((0.0, 0.0, 0.0), LEFT, 4.5, half=8.0, actors=[passer])
+    ahead = [to_frame(truth.actor_poses[:1, :2], truth.pose)[0, 0] for _, truth in trace]
+    turns = np.array([LEVER * truth.twist[1] for _, truth in trace])
     seen, hidden = np.array(ahead) > 0.0, np.array(ahead) < -1.4
     assert turns[seen].max() > 0.07  # as fast as it may where nobody has seen
     assert hidden.sum() > 5
@@ -489,7 +463,7 @@ def test_for_a_planner_only_the_unseen_slows_and_nothing_is_decided():
     assert same_fields(shield.state, before)
 
 
-def blinded(reading):
+def blinded(_, reading):
     """A reading whose laser has no echo in any direction."""
     return reading._replace(laser=np.full_like(reading.laser, np.inf))
 
@@ -505,7 +479,7 @@ def test_a_laser_that_goes_blind_among_walls_stops_it(still):
     for k in range(40):
         if k == 20:
             shield.rearm()
-        reading = step(chair, shield, twist, blinded(reading))
+        reading = step(chair, shield, twist, blinded(k, reading))
         assert (shield.latched == "laser blind") == (k >= 3)
     assert abs(chair.truth.twist).max() < 0.01
     assert np.hypot(*(chair.truth.pose - place)[:2]) < 0.5 * 0.4 + 0.15
@@ -520,9 +494,7 @@ def test_a_laser_that_goes_blind_among_walls_stops_it(still):
 
 
 def test_a_laser_that_is_blind_from_the_start_is_told_by_what_ultrasonics_hear():
-    chair, shield, reading = begin(box(4.0), 5)
-    for _ in range(80):
-        reading = step(chair, shield, np.array([0.5, 0.0]), blinded(reading))
+    _, chair, shield = drive((0.0, 0.0, 0.0), (0.5, 0.0), 8.0, half=4.0, key=5, told=blinded)
     assert shield.latched == "laser blind"
     assert not chair.truth.touched
 

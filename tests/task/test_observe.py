@@ -161,18 +161,14 @@ def expected(tracks, pose):
     return out
 
 
-def actions(count):
-    rng = np.random.default_rng(1)
-    return rng.uniform(-0.3, 0.6, (count, 2)).astype(np.float32)
-
-
 def test_they_are_those_of_a_tracker_without_a_map():
     env = NavigationEnv(config=CONFIG)
     maximum = 0
+    actions = np.random.default_rng(1).uniform(-0.3, 0.6, (40, 2)).astype(np.float32)
     for seed in range(3):
         observation, _ = env.reset(seed=seed)
         tracker = Tracker(laser=env.settings.sensors.laser)
-        for action in actions(40):
+        for action in actions:
             reading = env.task.reading
             twist, laser = np.array(reading.twist), reading.laser
             tracks = tracker.update(laser, np.array(reading.pose), twist, reading.stamp)
