@@ -354,14 +354,13 @@ def test_a_frozen_client_holds_nobody_up():
         '    link.send(\'{"op": "subscribe", "topic": "/t"}\'); print(\'heard\', flush=True)\n'
         "    time.sleep(100)"
     )
-    with closing(RosbridgeServer("127.0.0.1", 0, lambda *_: "")) as server:
-        server.advertise("/t", "std_msgs/String")
-        text = {"data": "x" * 100_000}
-        with frozen(hears, server.url), Client(server.url, "/t") as client:
-            counts = client.counts
-            for _ in range(200):
-                n = counts["/t"]
-                assert until(lambda n=n: server.publish("/t", text) or counts["/t"] > n)
+    server, text = RosbridgeServer("127.0.0.1", 0, lambda *_: ""), {"data": "x" * 100_000}
+    server.advertise("/t", "std_msgs/String")
+    with frozen(hears, server.url), closing(server), Client(server.url, "/t") as client:
+        counts = client.counts
+        for _ in range(200):
+            n = counts["/t"]
+            assert until(lambda n=n: server.publish("/t", text) or counts["/t"] > n)
 
 
 @pytest.mark.skipif(shutil.which("openssl") is None, reason="makes the certificate")
