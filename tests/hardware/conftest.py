@@ -1,6 +1,7 @@
 """Requirements of the hardware tests: compilers, and the emulator."""
 
 import os
+from contextlib import ExitStack, closing
 
 import pytest
 
@@ -29,6 +30,15 @@ def firmware():
     from tests.hardware.native import Native
 
     return Native(build("libfirmware.so"))
+
+
+@pytest.fixture
+def host():
+    """Makes hosts of twins, as `Hosted` does, which are closed at the end of the test."""
+    from tests.hardware.hosted import Hosted
+
+    with ExitStack() as stack:
+        yield lambda *given, **more: stack.enter_context(closing(Hosted(*given, **more)))
 
 
 @pytest.fixture

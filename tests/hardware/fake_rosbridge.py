@@ -45,8 +45,8 @@ class FakeRosbridge:
     Attributes:
         port: where.
         commands: what the chair was told: (when, v, w).
-        mute: topics of which nothing is said.
-        mangle: topic -> what becomes of its messages: another message, or a text sent as it is.
+        mangle: topic -> what becomes of its messages: another message, a text sent as it is, or
+            None, where nothing is said.
         rate: of simulated time, told at /clock; infinite: each command lets a control period pass,
             however slow the machine is; None: time is real, and there is no /clock.
         paused: simulated time stands.
@@ -63,7 +63,7 @@ class FakeRosbridge:
         self.chair.reset(self.episode, 1)
         self.chair.drive(np.zeros(2))  # compiled before anybody waits for it
         self.reading = self.chair.reset(self.episode, 1)
-        self.commands, self.mute, self.mangle = [], set(), {}
+        self.commands, self.mangle = [], {}
         self.skew, self.advertised = 0.0, {}
         laser = sensors.laser
         self.mounted = laser.x, laser.y, laser.yaw  # of the laser, as tf tells
@@ -150,7 +150,7 @@ class FakeRosbridge:
             self.reading = self.chair.drive(self._command)
             for connection, topics in list(self._told.items()):
                 for topic, make in self._messages().items():
-                    if topic in topics and topic not in self.mute:
+                    if topic in topics:
                         self._publish(connection, topic, make())
             due = max(due + self.period / (self.rate or 1.0), time.monotonic())  # no hurry
             time.sleep(max(0.0, due - time.monotonic()))

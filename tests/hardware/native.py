@@ -34,12 +34,30 @@ class Native:
         return out.raw[:size]
 
 
-class NativeReceiver:
-    """The boards' receiver."""
+class Part:
+    """A part of the firmware; `NEW` is the function that makes one."""
+
+    now = 0  # ms
 
     def __init__(self, native: Native) -> None:
         self.library = native.library
-        self.pointer = c.c_void_p(self.library.receiver_new())
+        self.pointer = c.c_void_p(getattr(self.library, self.NEW)())
+
+    def told(self, say):
+        """The message that a function of the firmware says now."""
+        out = c.create_string_buffer(256)
+        size = say(self.pointer, self.now, out)
+        (frame,) = Receiver().feed(out.raw[:size])
+        return frame.message
+
+    def __del__(self) -> None:
+        self.library.free_it(self.pointer)
+
+
+class NativeReceiver(Part):
+    """The boards' receiver."""
+
+    NEW = "receiver_new"
 
     def feed(self, data: bytes) -> list[bytes]:
         out = c.create_string_buffer(2 * len(data) + 1)
@@ -55,18 +73,16 @@ class NativeReceiver:
     def bad(self) -> int:
         return self.library.receiver_bad(self.pointer)
 
-    def __del__(self) -> None:
-        self.library.free_it(self.pointer)
 
-
-class NativeDrive:
+class NativeDrive(Part):
     """The drive board's mind, without a board: time, counts and switches are given."""
 
+    NEW = "drive_new"
+
     def __init__(self, native: Native) -> None:
-        self.library = native.library
-        self.pointer = c.c_void_p(self.library.drive_new())
-        self.inbox = c.c_void_p(self.library.receiver_new())
-        self.now, self.counts, self.illegal = 0, [0, 0], 0
+        super().__init__(native)
+        self.inbox = NativeReceiver(native)
+        self.counts, self.illegal = [0, 0], 0
         self.switches, self.battery = 0, 38.0
         self.duty, self.enable, self.release = (0.0, 0.0), False, False
         self._receiver, self._sequence = Receiver(), 0
@@ -75,7 +91,8 @@ class NativeDrive:
         """Say something; what the board answers."""
         self._sequence += 1
         data, out = encode(message, self._sequence), c.create_string_buffer(4096)
-        size = self.library.drive_hear(self.pointer, self.inbox, data, len(data), self.now, out)
+        inbox = self.inbox.pointer
+        size = self.library.drive_hear(self.pointer, inbox, data, len(data), self.now, out)
         return [frame.message for frame in self._receiver.feed(out.raw[:size])]
 
     def step(self, period: int = 5) -> None:
@@ -97,19 +114,11 @@ class NativeDrive:
         self.enable, self.release = bool(pins.value & 1), bool(pins.value & 2)
 
     def odometry(self):
-        out = c.create_string_buffer(256)
-        size = self.library.drive_say(self.pointer, self.now, out)
-        return self._receiver.feed(out.raw[:size])[0].message
+        return self.told(self.library.drive_say)
 
     def joystick(self):
         """Return the joystick message that the host receives."""
-        out = c.create_string_buffer(256)
-        size = self.library.drive_say_joystick(self.pointer, self.now, out)
-        return self._receiver.feed(out.raw[:size])[0].message
+        return self.told(self.library.drive_say_joystick)
 
     def stick(self, data: bytes) -> None:
         self.library.drive_stick(self.pointer, data, len(data), self.now)
-
-    def __del__(self) -> None:
-        self.library.free_it(self.pointer)
-        self.library.free_it(self.inbox)

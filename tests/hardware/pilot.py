@@ -15,9 +15,9 @@ PERIOD = 0.02  # s
 class Pilot:
     """Drives a twin in a large room; what was heard last stands in `heard`, by kind."""
 
-    def __init__(self, half=50.0, noise=False, chair: ChairSettings | None = None, new=False):
-        self.twin = Twin(Plant(chair, SensorSettings(noise=noise)), new)
-        self.twin.reset(box(half), 0)
+    def __init__(self, chair: ChairSettings | None = None):
+        self.twin = Twin(Plant(chair, SensorSettings(noise=False)))
+        self.twin.reset(box(50.0), 0)
         self.target = None
         self.heard, self.odometry = {}, []
         self.bad = 0

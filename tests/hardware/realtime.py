@@ -42,12 +42,8 @@ def serving(folder):
     thread.start()
     config = dump(settings)
     # A busy machine that runs the world and the policy in one process is late now and then.
-    config["hardware"]["limits"] |= {
-        "scan": 5.0,
-        "odometry": 5.0,
-        "command_timeout": 5.0,
-        "ready_timeout": 30.0,
-    }
+    late = dict.fromkeys(("scan", "odometry", "command_timeout"), 5.0)
+    config["hardware"]["limits"] |= late | {"ready_timeout": 30.0}
     config["hardware"] |= {
         "drive_port": made.drive.path, "range_port": made.range.path,
         "laser_port": f"tcp://127.0.0.1:{made.lasers[0].port}",

@@ -28,6 +28,19 @@ def hear_interrupts():
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+@contextmanager
+def frozen(code, *words):
+    """A program of Python that has said that it heard something, and then stands still."""
+    command = [sys.executable, "-c", code, *words]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as program:
+        try:
+            assert program.stdout.readline() == "heard\n"
+            program.send_signal(signal.SIGSTOP)
+            yield
+        finally:
+            program.kill()
+
+
 class Program:
     """`wheelchair` with arguments in a process of its own, and what it says."""
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.hardware.bench import ibus
-from tests.hardware.hosted import Hosted
+from tests.hardware.hosted import AHEAD
 from tests.sim.worlds import box, step
 from wheelchair_gym import InputError
 from wheelchair_gym.envs.settings import env_settings
@@ -23,25 +23,22 @@ from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings, Ultra
 from wheelchair_gym.sim.chair import SimulatedChair
 from wheelchair_gym.sim.settings import ChairSettings
 
-pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
+serial = pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
 
-AHEAD, STILL = np.array([0.4, 0.0]), np.zeros(2)
+STILL = np.zeros(2)
 PERIOD = 0.1
 MIN_DECELERATION = 1.5  # m/s2
 
 
 @pytest.fixture
-def hosted():
-    made = Hosted(box(50.0))
-    yield made
-    made.close()
+def hosted(host):
+    return host(box(50.0))
 
 
 def begun(hosted, periods=15, twist=AHEAD):
     """The chair, driving."""
     hosted.chair.reset(None, 0)
-    for _ in range(periods):
-        reading = hosted.chair.drive(twist)
+    reading = hosted.drive_for(periods, twist)
     assert reading.halted == ""
     assert reading.twist[0] == pytest.approx(twist[0], abs=0.01)
     return hosted.chair
@@ -76,8 +73,7 @@ def test_a_reading_is_what_the_world_is(hosted):
     np.testing.assert_allclose(
         reading.twist, [np.hypot(*(end - start)[:2]) / PERIOD, (end - start)[2] / PERIOD], atol=6e-3
     )
-    for _ in range(10):
-        reading = chair.drive(np.zeros(2))
+    reading = hosted.drive_for(10, STILL)
     true = hosted.twin.plant.scan(0)
     both = np.isfinite(true)
     assert both.mean() > 0.9
@@ -174,16 +170,13 @@ def test_reset_says_what_it_waits_for_and_why_a_re_arm_is_refused(hosted):
     assert told[2].endswith("(EMERGENCY_STOP); a person must re-arm it; waits 120 s for that")
 
 
-def fill(port):
-    """Let a port take no more data, as pyserial says it."""
-    port.write = Mock(side_effect=type("SerialTimeoutException", (OSError,), {})("Write timeout"))
-
-
+FULL = Mock(side_effect=serial.SerialTimeoutException("Write timeout"))
 # What breaks, why it stops, and within how many seconds it is slower by 0.02 m/s
 FAULTS = {
     "drive's cable": (lambda h: setattr(h.drive, "plugged", False), "drive board is silent", 0.25),
     "drive's port takes no data": (
-        lambda h: fill(h.drive), "(LINK); a person must re-arm it (twin://drive: it takes no", 0.25
+        lambda h: setattr(h.drive, "write", FULL),
+        "(LINK); a person must re-arm it (twin://drive: it takes no", 0.25,
     ),
     "range's cable": (lambda h: setattr(h.range, "plugged", False), "range board is silent", 1.2),
     "laser's cable": (lambda h: setattr(h.twin.laser, "plugged", False), "unplugged", 0.35),
@@ -213,11 +206,11 @@ def test_it_stops_and_names_the_cause_of_every_fault(hosted, fault):
     assert chair.truth.distance < 0.4 * 1.5 + 0.4 * (bound + 0.5)
 
 
-def test_the_second_laser_of_the_chair_rear_is_read_watched_and_stops_it():
+def test_the_second_laser_of_the_chair_rear_is_read_watched_and_stops_it(host):
     """It sees what the simulation's does; silent, it stops the chair; an obstacle behind, too."""
     sensors = env_settings(None, model="rear", noise=False).sensors
     world = box(3.0, (-1.5, 0.0, 0.0))
-    hosted, simulated = Hosted(world, sensors=sensors), SimulatedChair(sensors=sensors)
+    hosted, simulated = host(world, sensors=sensors), SimulatedChair(sensors=sensors)
     chair, part = hosted.chair, sensors.slices[1]
     assert chair.settings.more_laser_ports == ("twin://laser_1",)
     seen, wanted = chair.reset(None, 0).laser[part], simulated.reset(world, 0).laser[part]
@@ -232,15 +225,14 @@ def test_the_second_laser_of_the_chair_rear_is_read_watched_and_stops_it():
     hosted.twin.lasers[1].silent = True
     said = [chair.drive(AHEAD).halted for _ in range(5)]
     assert said[-1].startswith("the second laser is silent")
-    hosted.close()
 
 
-def test_a_chair_with_ten_ultrasonics_reads_all_and_names_a_silent_one():
+def test_a_chair_with_ten_ultrasonics_reads_all_and_names_a_silent_one(host):
     """The two at the back range as in the simulation, and stop it before what only they hear."""
     sensors = env_settings(None, model="rear_ultrasonics", noise=False).sensors
     sensors = dataclasses.replace(sensors, more_lasers=())
     world = box(3.0, (-2.0, 0.0, 0.0))
-    hosted, simulated = Hosted(world, sensors=sensors), SimulatedChair(sensors=sensors)
+    hosted, simulated = host(world, sensors=sensors), SimulatedChair(sensors=sensors)
     chair, shield = hosted.chair, Shield(sensors=sensors)
     reading = chair.reset(None, 0)
     wanted = simulated.reset(world, 0).ultrasonic
@@ -261,7 +253,6 @@ def test_a_chair_with_ten_ultrasonics_reads_all_and_names_a_silent_one():
     hosted.clock.guards.clear()
     found = Diagnostics(chair.senses, hosted.clock, chair.parameters).run()
     assert [one.part for one in found if not one.good] == ["ultrasonic 9"]
-    hosted.close()
 
 
 def test_a_laser_that_speaks_again_lets_it_go_on(hosted):
@@ -270,8 +261,7 @@ def test_a_laser_that_speaks_again_lets_it_go_on(hosted):
     readings = [chair.drive(AHEAD) for _ in range(5)]
     assert readings[-1].halted
     assert np.isnan(readings[-1].laser).all()
-    for _ in range(5):
-        chair.drive(AHEAD)
+    hosted.drive_for(5)
     assert hosted.twin.braked  # and the drivers are off, as after any fault
     assert not hosted.twin.enabled
     hosted.twin.laser.silent = False
@@ -306,12 +296,12 @@ def test_a_laser_that_becomes_late_stops_it(hosted, growth):
 
 
 @pytest.mark.parametrize(("seed", "maximum"), [(0, 12), (1, 3), (5, 3)])
-def test_the_boards_do_not_outrun_the_set_point_for_long(seed, maximum):
+def test_the_boards_do_not_outrun_the_set_point_for_long(host, seed, maximum):
     """Commands that change each period add up how the board's ramp differs from the shield's.
 
     They did for 18, 9 and 25 readings. A chair that speeds up to its command is no runaway.
     """
-    hosted, shield = Hosted(box(6.0)), Shield()
+    hosted, shield = host(box(6.0)), Shield()
     rng, run, longest = np.random.default_rng(seed), 0, 0
     reading = hosted.chair.reset(None, 0)
     for _ in range(60):
@@ -320,7 +310,6 @@ def test_the_boards_do_not_outrun_the_set_point_for_long(seed, maximum):
         reading = hosted.chair.drive(given, shield.decision.protective)
         run = run + 1 if reading.twist[0] > set_point + 0.03 else 0
         longest = max(longest, run)
-    hosted.close()
     assert shield.latched == ""
     assert longest <= maximum
 
@@ -329,8 +318,7 @@ def test_a_re_armed_chair_stands_until_it_is_reset(hosted):
     """Nothing starts to move because a person re-arms it: the program must begin anew."""
     chair = begun(hosted)
     hosted.twin.faults.switches = Switch.STOP_PRESSED
-    for _ in range(12):
-        chair.drive(AHEAD)
+    hosted.drive_for(12)
     hosted.twin.faults.switches = Switch(0)
     chair.drive(AHEAD)
     chair.rearm()
@@ -426,9 +414,9 @@ def test_the_joystick_at_the_board_goes_before_the_host(hosted):
     assert hosted.twin.motion.speed == pytest.approx(0.4, abs=0.01)
 
 
-def test_a_strip_is_told_and_stops_it():
+def test_a_strip_is_told_and_stops_it(host):
     """Into a wall: the board stops the chair, and the next reading says bumped."""
-    hosted = Hosted(box(1.2))
+    hosted = host(box(1.2))
     chair, bumped = hosted.chair, False
     chair.reset(None, 0)
     for _ in range(25):
@@ -436,29 +424,27 @@ def test_a_strip_is_told_and_stops_it():
     assert bumped
     assert chair.truth.touched
     assert speed(hosted) < 2e-3
-    hosted.close()
 
 
-def test_boards_and_laser_must_be_those_of_the_settings():
+def test_boards_and_laser_must_be_those_of_the_settings(host):
     for chair, sensors, why in (
         (None, SensorSettings(laser=LaserSettings(beams=541)), "has 541 beams"),
         (ChairSettings(drive=DriveGeometry(track=0.6)), None, "track is 0.54; expected 0.6"),
     ):
-        hosted = Hosted(box(3.0), sensors=sensors)
+        hosted = host(sensors=sensors)
         if sensors:
             hosted.chair.senses.sensors = SensorSettings()  # what the settings say
         else:
             hosted.chair.chair = chair
         with pytest.raises(InputError, match=why):
             hosted.chair.reset(None, 0)
-        hosted.close()
 
 
 @pytest.mark.parametrize("heard", [True, False])
-def test_another_range_board_is_noticed_at_the_next_reset(heard):
+def test_another_range_board_is_noticed_at_the_next_reset(host, heard):
     """Its parameters are the defaults; noise may swallow what it says after it was switched on."""
     rangers = UltrasonicSettings(interval=0.1)
-    hosted = Hosted(box(3.0), sensors=SensorSettings(ultrasonic=rangers, noise=False))
+    hosted = host(sensors=SensorSettings(ultrasonic=rangers, noise=False))
     chair = hosted.chair
     chair.reset(None, 0)
     hosted.twin.range.set_eeprom(b"\xff" * 256)
@@ -469,24 +455,19 @@ def test_another_range_board_is_noticed_at_the_next_reset(heard):
     hosted.clock.wait(hosted.clock.now() + 1.0)
     with pytest.raises(InputError, match=r"the range board's interval is 0.06; expected 0.1"):
         chair.reset(None, 0)
-    hosted.close()
 
 
-def test_a_chair_of_other_sizes_drives_by_its_own():
+def test_a_chair_of_other_sizes_drives_by_its_own(host):
     """Its boards are set up once, keep it through a reset of theirs, and agree at reset."""
-    hosted = Hosted(
-        box(50.0), ChairSettings(drive=DriveGeometry(track=0.6, counts_per_metre=3000.0))
-    )
+    hosted = host(box(50.0), ChairSettings(drive=DriveGeometry(track=0.6, counts_per_metre=3000.0)))
     hosted.chair.reset(None, 0)
     hosted.twin.drive.reset()
     hosted.clock.wait(hosted.clock.now() + 0.3)
     hosted.chair.reset(None, 0)
-    for _ in range(15):
-        reading = hosted.chair.drive(np.array([0.3, 0.3]))
+    reading = hosted.drive_for(15, np.array([0.3, 0.3]))
     assert hosted.twin.motion.speed == pytest.approx(0.3, abs=0.01)
     assert hosted.twin.motion.turn == pytest.approx(0.3, abs=0.02)
     np.testing.assert_allclose(reading.pose, hosted.twin.plant.pose, atol=3e-3)
-    hosted.close()
 
 
 def test_what_is_not_there_is_one_line():
@@ -510,22 +491,18 @@ def test_settings_of_the_file_stand_where_the_name_says_nothing():
     assert (inner.settings.rearm_timeout, inner.settings.drive_port) == (7.0, "twin://nobody")
 
 
-def told(**values):
-    names = dict.fromkeys(Odometry._fields, 0)
-    return Odometry(**{**names, **values})
-
-
 def test_odometry_is_moved_on_and_survives_wraps_and_resets():
     """Any split of a way into messages gives its pose; counts wrap, and a board counts anew."""
     geometry = DriveGeometry()
     metre = round(geometry.counts_per_metre)
-    odometer = WheelOdometry(geometry, 0.1)
+    odometer, zero = WheelOdometry(geometry, 0.1), Odometry(**dict.fromkeys(Odometry._fields, 0))
     high = (1 << 31) - metre // 2
-    odometer.update(told(left=high, right=high), 0.0)
-    odometer.update(told(left=high + metre - (1 << 32), right=high + metre - (1 << 32)), 0.02)
+    odometer.update(zero._replace(left=high, right=high), 0.0)
+    wrapped = high + metre - (1 << 32)
+    odometer.update(zero._replace(left=wrapped, right=wrapped), 0.02)
     np.testing.assert_allclose(odometer.at(0.02)[0], [1.0, 0.0, 0.0], atol=1e-3)
     odometer.restart()
-    odometer.update(told(left=0, right=0, speed_left=0.5, speed_right=0.5), 0.04)
+    odometer.update(zero._replace(left=0, right=0, speed_left=0.5, speed_right=0.5), 0.04)
     pose, ways = odometer.at(0.06)
     np.testing.assert_allclose(pose, [1.01, 0.0, 0.0], atol=1e-3)
     np.testing.assert_allclose(ways, [1.01, 1.01], atol=1e-3)

@@ -7,9 +7,7 @@ where it is installed, ROS 2 itself (rclpy on Fast DDS).
 import json
 import math
 import os
-import signal
 import subprocess
-import sys
 from contextlib import closing
 from dataclasses import dataclass
 from unittest.mock import Mock
@@ -25,7 +23,7 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
 from tests.conftest import ROOT, refusal, until
-from tests.hardware.served import Served
+from tests.hardware.served import Served, frozen
 from wheelchair_gym.hardware.ros import make_messages as ros
 from wheelchair_gym.hardware.ros.dds import DdsLink, content_of, idl_type
 from wheelchair_gym.hardware.ros.make_messages import deserialized, serialized, typestore
@@ -125,11 +123,9 @@ def domain():
 
 @pytest.fixture(scope="module")
 def robot(domain):
-    served = Served(
-        "--dds", "--scene", "empty", "--imu", "--pose", "odometry", "--sim-time", **HERE
-    )
-    yield served
-    served.close()
+    words = "--dds", "--scene", "empty", "--imu", "--pose", "odometry", "--sim-time"
+    with closing(Served(*words, **HERE)) as served:
+        yield served
 
 
 @pytest.fixture
@@ -287,26 +283,17 @@ time.sleep(100)
 
 
 def test_a_frozen_subscriber_holds_nobody_up(robot, peer):
-    frozen = subprocess.Popen(
-        [sys.executable, "-c", FROZEN, str(ROOT), str(DOMAIN)], stdout=subprocess.PIPE, text=True
-    )
-    try:
-        assert frozen.stdout.readline() == "heard\n"
-        frozen.send_signal(signal.SIGSTOP)
+    with frozen(FROZEN, str(ROOT), str(DOMAIN)):
         writer = peer.says("/cmd_vel", Twist)
         turning(peer, writer)
-        count = 0
+        found = []
 
         def heard():
-            nonlocal count
-            count += len(peer.taken("/odom", Odometry))
+            found.extend(peer.taken("/odom", Odometry))
             writer.write(twist(0.6))
-            return count >= 60
+            return len(found) >= 60
 
         assert until(heard)
-    finally:
-        frozen.kill()
-        frozen.wait()
 
 
 def test_topics_begin_episodes(robot, peer):

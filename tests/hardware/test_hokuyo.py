@@ -18,6 +18,7 @@ from wheelchair_gym.hardware.twin.laser import ScipSensor
 UST_10LX = scip.Specs("UST-10LX", 20, 30000, 1440, 0, 1080, 540, 2400)
 URG_04LX = scip.Specs("URG-04LX", 20, 5600, 1024, 44, 725, 384, 600)
 MODELS = {"ust": UST_10LX, "urg": URG_04LX}
+models = pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
 
 
 def some_scan(model, seed=0):
@@ -44,9 +45,9 @@ def test_checksums_are_those_of_the_specification():
     assert scip.decode_numbers(b"1D\x07", 3) is None
 
 
-@pytest.mark.parametrize("name", MODELS)
-def test_replies_are_whole_at_every_cut_of_the_bytes(name):
-    data = stream_of(MODELS[name], 1)
+@models
+def test_replies_are_whole_at_every_cut_of_the_bytes(model):
+    data = stream_of(model, 1)
     whole = scip.ScipParser().feed(data)
     assert [reply.status for reply in whole] == ["0E", "00", "00", "00", "00", "99"]
     for cut in range(len(data) + 1):
@@ -57,10 +58,9 @@ def test_replies_are_whole_at_every_cut_of_the_bytes(name):
     assert [reply for k in range(len(data)) for reply in parser.feed(data[k : k + 1])] == whole
 
 
-@pytest.mark.parametrize("name", MODELS)
-def test_no_damaged_scan_is_believed(name):
+@models
+def test_no_damaged_scan_is_believed(model):
     """A checksum of six bits catches every single change within a line; cut lines are too short."""
-    model = MODELS[name]
     data = stream_of(model, 1)
     start = data.rindex(f"MD{model.first:04d}{model.last:04d}".encode())
     good = scip.scan_of(scip.ScipParser().feed(data[start:])[0], 30.0)
@@ -144,9 +144,8 @@ def begin(model=UST_10LX, piece=10**9):
 
 
 @pytest.mark.parametrize("piece", [1, 7, 64, 10**9])
-@pytest.mark.parametrize("name", MODELS)
-def test_the_laser_is_switched_on_and_read(name, piece):
-    model = MODELS[name]
+@models
+def test_the_laser_is_switched_on_and_read(model, piece):
     laser, sensor, ports, clock = begin(model, piece)
     assert sensor.on
     assert sensor.streaming

@@ -1,32 +1,20 @@
 """Laws of a joystick at the host, over devices that a test moves: held or standing."""
 
 import termios
-from typing import NamedTuple
+from collections import namedtuple
+from types import SimpleNamespace
 from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
-from tests.hardware.hosted import Hosted
 from tests.sim.worlds import box
 from wheelchair_gym.geometry.kinematics import Limits
 from wheelchair_gym.hardware import joystick
 from wheelchair_gym.hardware.connection import RETRY, Reconnecting
 
 OWN = joystick.JoystickSettings(device="fake")
-AHEAD = np.array([0.4, 0.0])
-
-
-class Event(NamedTuple):
-    type: int
-    code: int
-    value: int
-
-
-class Info(NamedTuple):
-    value: int
-    min: int
-    max: int
+Event = namedtuple("Event", "type code value")
 
 
 class FakeDevice:
@@ -36,7 +24,8 @@ class FakeDevice:
         self.said.clear()  # it was so before somebody listened
 
     def absinfo(self, axis):
-        return Info(self.values[axis], *((0, 255), (-32768, 32767))[axis])
+        low, high = ((0, 255), (-32768, 32767))[axis]
+        return SimpleNamespace(value=self.values[axis], min=low, max=high)
 
     def read(self):
         if not self.plugged:
@@ -171,10 +160,10 @@ def test_whatever_an_opener_raises_is_a_lost_connection():
     assert "gone" in device.error
 
 
-def test_a_hand_goes_before_the_policy():
+def test_a_hand_goes_before_the_policy(host):
     """It re-arms the chair at reset, takes it over while the laser is silent, and hands it back."""
     pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
-    hosted = Hosted(box(50.0))
+    hosted = host(box(50.0))
     chair, hosted.minds = hosted.chair, False
     seat = Seat(chair.rearm)
     chair.joystick = seat.joystick
@@ -182,25 +171,16 @@ def test_a_hand_goes_before_the_policy():
         lambda: seat.device.press(OWN.rearm_button) if chair.waiting_for else None, 0.2, "person"
     )
     chair.reset(None, 0)
-    for _ in range(12):
-        reading = chair.drive(AHEAD)
-    assert reading.halted == ""
+    assert hosted.drive_for(12).halted == ""
     seat.device.press(OWN.dead_man_button)
-    for _ in range(8):
-        reading = chair.drive(AHEAD)
-    assert "joystick" in reading.halted
+    assert "joystick" in hosted.drive_for(8).halted
     assert abs(hosted.twin.motion.speed) < 0.02
     hosted.twin.laser.silent = True
     seat.device.tilt(ahead=1.0)
-    for _ in range(15):
-        reading = chair.drive(AHEAD)
-    assert reading.halted
+    assert hosted.drive_for(15).halted
     assert hosted.twin.motion.speed > 0.3
     hosted.twin.laser.silent = False
     seat.device.press(OWN.dead_man_button, 0)
     seat.device.press(OWN.release_button)
-    for _ in range(35):
-        reading = chair.drive(AHEAD)
-    assert reading.halted == ""
+    assert hosted.drive_for(35).halted == ""
     assert hosted.twin.motion.speed == pytest.approx(0.4, abs=0.01)
-    hosted.close()

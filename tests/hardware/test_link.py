@@ -40,7 +40,7 @@ class FakePort:
     def write(self, data):
         self._check()
         if self.full:
-            raise type("SerialTimeoutException", (OSError,), {})("Write timeout")
+            raise serial.SerialTimeoutException("Write timeout")
         self.taken += data
 
     def close(self):

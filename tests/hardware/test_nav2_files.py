@@ -46,9 +46,7 @@ def launched(monkeypatch):
         "launch_ros.actions": {"Node": note("node")},
     }
     for name, content in modules.items():
-        module = types.ModuleType(name)
-        vars(module).update(content)
-        monkeypatch.setitem(sys.modules, name, module)
+        monkeypatch.setitem(sys.modules, name, types.SimpleNamespace(**content))
     return runpy.run_path(str(FOLDER / "nav2.launch.py"))["generate_launch_description"]()
 
 

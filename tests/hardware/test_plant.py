@@ -6,14 +6,9 @@ import math
 import numpy as np
 import pytest
 
-from tests.conftest import json_file
-from tests.hardware.conftest import build_twin
-from tests.sim.worlds import box
 from wheelchair_gym.geometry.kinematics import DriveGeometry
 from wheelchair_gym.hardware.boards.protocol import Command
 from wheelchair_gym.hardware.chair import for_equal_wheels
-from wheelchair_gym.hardware.twin.inprocess import TwinChair
-from wheelchair_gym.hardware.twin.lockstep import Twin
 from wheelchair_gym.hardware.twin.plant import Plant, PlantSettings
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sim.settings import ChairSettings, PhysicsSettings
@@ -26,45 +21,31 @@ HIDDEN = {
 }
 
 
-def hosted(tmp_path, believed=BELIEVED):
-    """A host that believes in the default chair, before one that is hidden."""
-    build_twin()
-    file = json_file(tmp_path / "hidden.json", HIDDEN)
-    twin = Twin(Plant(*PlantSettings.read(file, BELIEVED)), believed=believed.chair)
-    twin.reset(box(3.0), 0)
-    chair = TwinChair(twin, 0.1, None, believed[:2])
-    chair.clock.call_every(lambda: chair.chair.waiting_for and chair.chair.rearm(), 0.05, "person")
-    return chair
+REAL = PlantSettings.read(HIDDEN, BELIEVED)
 
 
-def test_a_hidden_chair_drives_otherwise_than_its_computer_believes(tmp_path):
-    made = hosted(tmp_path)
+def test_a_hidden_chair_drives_otherwise_than_its_computer_believes(host):
+    made = host(plant=Plant(*REAL), believed=BELIEVED[:2])
     reading = made.chair.reset()
     assert reading.laser[540] == pytest.approx(3.0 - 0.66 + 0.03, abs=2e-3)
     p = made.twin.plant.chair.parameters[0]
     assert (p["mass"], p["gain"]) == (180.0, 0.8)
-    for _ in range(20):
-        reading = made.chair.drive(np.array([0.3, 0.0]))
+    reading = made.drive_for(20, np.array([0.3, 0.0]))
     turned = made.twin.plant.pose[2]
     assert turned > 0.01 > abs(reading.pose[2])
     assert p["pull"] == pytest.approx([9.81 * math.sin(0.02), 0.0])
-    made.close()
-    made.twin.close()
 
 
-def test_a_host_that_knows_of_wheels_and_offset_drives_straight(tmp_path):
+def test_a_host_that_knows_of_wheels_and_offset_drives_straight(host):
     laser = dataclasses.replace(BELIEVED.sensors.laser, offset=0.03)
     chair = dataclasses.replace(BELIEVED.chair, drive=DriveGeometry(wheel_ratio=1.02))
     sensors = dataclasses.replace(BELIEVED.sensors, laser=laser)
-    made = hosted(tmp_path, PlantSettings(chair, sensors, BELIEVED.physics))
+    made = host(plant=Plant(*REAL), believed=(chair, sensors))
     reading = made.chair.reset()
     assert reading.laser[540] == pytest.approx(3.0 - 0.66, abs=2e-3)
-    for _ in range(20):
-        reading = made.chair.drive(np.array([0.3, 0.0]))
+    reading = made.drive_for(20, np.array([0.3, 0.0]))
     assert abs(made.twin.plant.pose[2]) < 2e-3  # a tenth of what the wheels alone would turn
     assert np.abs(reading.pose - made.twin.plant.pose).max() < 5e-3
-    made.close()
-    made.twin.close()
 
 
 def test_the_command_for_unequal_wheels_turns_each_as_far():

@@ -5,21 +5,23 @@ import itertools
 
 import pytest
 
+from tests.hardware.native import Part
 from wheelchair_gym.hardware.boards.parameters import RANGE_PARAMETERS
-from wheelchair_gym.hardware.boards.protocol import Range, Ranges, RangeStatus, Receiver
+from wheelchair_gym.hardware.boards.protocol import Range, Ranges, RangeStatus
 from wheelchair_gym.sensors.settings import Ultrasonic, UltrasonicSettings
 
 SOUND = 343.0  # m/s
 NARROW, WIDE = range(4), range(4, 10)
 
 
-class Ranging:
+class Ranging(Part):
     """Host build of the firmware: each millisecond the firing sensor hears the given flight."""
 
+    NEW = "ranging_new"
+
     def __init__(self, native):
-        self.library = native.library
-        self.pointer = ctypes.c_void_p(self.library.ranging_new())
-        self.now, self.fired = 0, []
+        super().__init__(native)
+        self.fired = []
 
     def mount(self, rangers):
         """Set the number of rangers; the parameters come first in its state."""
@@ -34,13 +36,7 @@ class Ranging:
             self.now += 1
 
     def tell(self) -> Ranges:
-        out = ctypes.create_string_buffer(256)
-        size = self.library.ranging_say(self.pointer, self.now, out)
-        (frame,) = Receiver().feed(out.raw[:size])
-        return frame.message
-
-    def __del__(self):
-        self.library.free_it(self.pointer)
+        return self.told(self.library.ranging_say)
 
 
 @pytest.fixture

@@ -6,11 +6,11 @@ Clients are plain WebSockets and the example's controller, which import nothing 
 import json
 import math
 import shutil
-import signal
 import subprocess
 import sys
 import threading
 import time
+from collections import Counter
 from contextlib import ExitStack, closing, suppress
 from types import SimpleNamespace
 
@@ -22,7 +22,7 @@ from websockets.sync.client import connect
 from agents.cli import main
 from agents.robot import Robot, RobotSettings
 from tests.conftest import PATIENCE, ROOT, long_but, refusal, until
-from tests.hardware.served import Served
+from tests.hardware.served import Served, frozen
 from wheelchair_gym import InputError
 from wheelchair_gym.geometry.kinematics import DriveGeometry
 from wheelchair_gym.hardware.ros import make_messages, rosbridge
@@ -40,9 +40,8 @@ CONTROLLER = ROOT / "examples" / "ros_pure_pursuit.py"
 
 @pytest.fixture(scope="module")
 def robot():
-    served = Served("--scene", "empty", "--imu", "--pose", "odometry")
-    yield served
-    served.close()
+    with closing(Served("--scene", "empty", "--imu", "--pose", "odometry")) as served:
+        yield served
 
 
 class Client:
@@ -51,7 +50,7 @@ class Client:
     def __init__(self, url, *topics, **more):
         self._stack = ExitStack()
         self.link = self._stack.enter_context(connect(url, max_size=None, compression=None, **more))
-        self.newest, self.counts, self.answers = {}, {}, []
+        self.newest, self.counts, self.answers = {}, Counter(), []
         for topic in topics:
             self.send(op="subscribe", topic=topic)
         self._thread = threading.Thread(target=self._listen, daemon=True)
@@ -66,16 +65,13 @@ class Client:
 
     def _listen(self):
         with suppress(ConnectionClosed):
-            self._read()
-
-    def _read(self):
-        for text in self.link:
-            message = json.loads(text, parse_constant=pytest.fail)  # JavaScript reads no NaN
-            if message["op"] == "publish":
-                self.newest[message["topic"]] = message["msg"]
-                self.counts[message["topic"]] = self.counts.get(message["topic"], 0) + 1
-            else:
-                self.answers.append(message)
+            for text in self.link:
+                message = json.loads(text, parse_constant=pytest.fail)  # JavaScript reads no NaN
+                if message["op"] == "publish":
+                    self.newest[message["topic"]] = message["msg"]
+                    self.counts[message["topic"]] += 1
+                else:
+                    self.answers.append(message)
 
     def send(self, **content):
         self.link.send(json.dumps(content))
@@ -352,27 +348,19 @@ def test_web_pages_need_a_token(origin):
 
 def test_a_frozen_client_holds_nobody_up():
     """Neither the messages to others nor the end of the program."""
-    frozen = subprocess.Popen(
-        [sys.executable, "-c", "import sys, time; from websockets.sync.client import connect\n"
-         "with connect(sys.argv[1]) as link:\n"
-         "    link.send('{\"op\": \"subscribe\", \"topic\": \"/t\"}'); print(flush=True)\n"
-         "    time.sleep(100)", (server := RosbridgeServer("127.0.0.1", 0, lambda *_: "")).url],
-        stdout=subprocess.PIPE,
-    )  # fmt: skip
-    try:
-        server.advertise("/t", "std_msgs/String")
-        text = {"data": "x" * 100_000}
-        frozen.stdout.readline()
-        frozen.send_signal(signal.SIGSTOP)
-        with Client(server.url, "/t") as client:
-            counts = client.counts
-            for _ in range(200):
-                n = counts.get("/t", 0)
-                assert until(lambda n=n: server.publish("/t", text) or counts.get("/t", 0) > n)
-    finally:
-        server.close()
-        frozen.kill()
-        frozen.wait()
+    hears = (
+        "import sys, time; from websockets.sync.client import connect\n"
+        "with connect(sys.argv[1]) as link:\n"
+        '    link.send(\'{"op": "subscribe", "topic": "/t"}\'); print(\'heard\', flush=True)\n'
+        "    time.sleep(100)"
+    )
+    server, text = RosbridgeServer("127.0.0.1", 0, lambda *_: ""), {"data": "x" * 100_000}
+    server.advertise("/t", "std_msgs/String")
+    with frozen(hears, server.url), closing(server), Client(server.url, "/t") as client:
+        counts = client.counts
+        for _ in range(200):
+            n = counts["/t"]
+            assert until(lambda n=n: server.publish("/t", text) or counts["/t"] > n)
 
 
 @pytest.mark.skipif(shutil.which("openssl") is None, reason="makes the certificate")

@@ -6,7 +6,6 @@ import math
 import numpy as np
 import pytest
 
-from tests.hardware.hosted import Hosted
 from tests.sim.worlds import box
 from wheelchair_gym import InputError
 from wheelchair_gym.envs.settings import env_settings
@@ -20,10 +19,8 @@ pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
 
 
 @pytest.fixture
-def hosted():
-    made = Hosted(box(3.0))
-    yield made
-    made.close()
+def hosted(host):
+    return host()
 
 
 @pytest.fixture
@@ -90,9 +87,9 @@ def test_an_emergency_stop_that_is_not_wired_is_found(checker):
 class Helper:
     """A person who holds a hand or a wall where asked, before a chair that stands in a room."""
 
-    def __init__(self, model="thesis", **real):
+    def __init__(self, host, model="thesis", **real):
         sensors = env_settings(None, model=model, noise=False).sensors
-        self.hosted = Hosted(box(3.0), sensors=dataclasses.replace(sensors, **real))
+        self.hosted = host(sensors=dataclasses.replace(sensors, **real))
         self.hosted.clock.guards.clear()
         self.senses, self.asked = self.hosted.chair.senses, []
         self.senses.sensors = sensors  # what the config says
@@ -116,7 +113,6 @@ class Helper:
             clock, lambda: all(map(math.isfinite, senses.ages(clock.now()).values())), 3.0
         )
         found = Orientation(senses, clock, footprint, self.hold, 1.6).run()
-        self.hosted.close()
         rangers = senses.sensors.ultrasonic.mounted
         assert len(found) == len(rangers) + 2 * len(senses.lasers) + 1
         return {f"{one.part}: {one.what}": one.found for one in found if not one.good}
@@ -128,14 +124,14 @@ SIDES = {"laser: hand on the left", "laser: hand on the right"}
 @pytest.mark.parametrize(
     ("model", "hands"), [("thesis", 10), ("rear", 12), ("rear_ultrasonics", 14)]
 )
-def test_hands_before_all_sensors_are_seen_where_they_are(model, hands):
-    helper = Helper(model)
+def test_hands_before_all_sensors_are_seen_where_they_are(host, model, hands):
+    helper = Helper(host, model)
     assert helper.found() == {}
     assert len([what for what in helper.asked if what.startswith("hold")]) == hands
 
 
-def test_what_stands_there_already_is_not_taken_for_a_hand():
-    helper = Helper()
+def test_what_stands_there_already_is_not_taken_for_a_hand(host):
+    helper = Helper(host)
     helper.hold("hold a hand left of")
     helper.hold = lambda what: None  # nobody clears the place, or holds anything
     found = helper.found()
@@ -154,9 +150,9 @@ MOUNTED = {
 
 
 @pytest.mark.parametrize("name", MOUNTED)
-def test_a_laser_that_looks_elsewhere_is_found(name):
+def test_a_laser_that_looks_elsewhere_is_found(host, name):
     real, wanted = MOUNTED[name]
-    helper = Helper(**real)
+    helper = Helper(host, **real)
     if name == "upside down":
         laser, scan = helper.hosted.twin.laser, helper.hosted.twin.laser._scan
         laser._scan = lambda turn: np.ascontiguousarray(scan(turn)[::-1])
@@ -166,8 +162,8 @@ def test_a_laser_that_looks_elsewhere_is_found(name):
         assert "to the right; expected 0.70 m ahead, 0.61 m to the left" in found[min(SIDES)]
 
 
-def test_exchanged_and_covered_ultrasonics_are_found():
-    helper = Helper()
+def test_exchanged_and_covered_ultrasonics_are_found(host):
+    helper = Helper(host)
     faults, ping = helper.hosted.twin.faults, helper.hosted.twin.plant.ping
     helper.hosted.twin.plant.ping = lambda k: ping({2: 3, 3: 2}.get(k, k))
     faults.stuck_ultrasonics[6] = 2.5
@@ -177,8 +173,8 @@ def test_exchanged_and_covered_ultrasonics_are_found():
     assert found["ultrasonic 6: hand"] == "not heard"
 
 
-def test_another_fan_and_other_parameters_are_found():
-    hosted = Hosted(box(3.0), sensors=SensorSettings(laser=LaserSettings(beams=541), noise=False))
+def test_another_fan_and_other_parameters_are_found(host):
+    hosted = host(sensors=SensorSettings(laser=LaserSettings(beams=541), noise=False))
     hosted.clock.guards.clear()
     ten = env_settings(None, model="rear_ultrasonics").sensors.ultrasonic
     hosted.chair.senses.sensors = SensorSettings(ultrasonic=ten)
@@ -208,7 +204,6 @@ def test_another_fan_and_other_parameters_are_found():
     clock.call_every(lambda: hosted.twin.drive.set_eeprom(b"\xff"), 0.005, "worn EEPROM")
     assert not parameters.save_parameters(senses, clock, "drive")
     assert not senses.identities["drive"].stored
-    hosted.close()
 
 
 def test_exchanged_ports_are_named_and_nothing_is_written(hosted, checker):
@@ -230,9 +225,9 @@ def test_exchanged_ports_are_named_and_nothing_is_written(hosted, checker):
         hosted.chair.reset(None, 0)
 
 
-def test_rates_are_those_of_the_settings_and_of_the_laser():
+def test_rates_are_those_of_the_settings_and_of_the_laser(host):
     rangers = UltrasonicSettings(interval=0.5)
-    hosted = Hosted(box(3.0), sensors=SensorSettings(ultrasonic=rangers, noise=False))
+    hosted = host(sensors=SensorSettings(ultrasonic=rangers, noise=False))
     hosted.clock.guards.clear()
     senses = hosted.chair.senses
     checker = Diagnostics(senses, hosted.clock, hosted.chair.parameters)
@@ -241,7 +236,6 @@ def test_rates_are_those_of_the_settings_and_of_the_laser():
     laser.specs = laser.specs._replace(rpm=600)
     (rate,) = (one.found for one in checker.run() if not one.good)
     assert rate == "40.0 Hz, expected 10.0"
-    hosted.close()
 
 
 def test_all_is_told_live(hosted, checker):
