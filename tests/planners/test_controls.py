@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import shapely
 
+from planners.judge import sweep_faults
 from planners.rrt_star_woa.control_generator import ControlGenerator
 from planners.rrt_star_woa.rollout import STEP, rollout, time_to_cover
 from wheelchair_gym.geometry.kinematics import Limits
 from wheelchair_gym.geometry.outline import Footprint
-from wheelchair_gym.geometry.planar import to_world
 
 LIMITS, FOOTPRINT = Limits(), Footprint()
 PATH = np.array([(0, 0), (3, 0), (3, 4), (6, 4.5), (9, 9)], dtype=float)
@@ -32,11 +32,8 @@ def assert_clear(controls, walls, discs):
         [*shapely.linestrings(walls.reshape(-1, 2, 2))]
         + [shapely.Point(x, y).buffer(radius, 64) for x, y, radius in discs]
     )
-    for before, after in zip(controls.rollout[:-1], controls.rollout[1:], strict=True):
-        for part in (0.0, 0.5):
-            pose = before + part * (after - before)
-            outline = shapely.Polygon(to_world(FOOTPRINT.corners, pose))
-            assert not outline.intersects(solid), pose
+    bounds, margin = (-99.0, -99.0, 99.0, 99.0), 2e-6
+    assert not sweep_faults(controls.rollout, FOOTPRINT.corners, solid, bounds, margin)
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -39,8 +39,7 @@ def assert_valid(plan, problem):
     assert plan.status == Status.SOLVED
     np.testing.assert_allclose(plan.path[0, :2], problem.start[:2], atol=1e-9)
     np.testing.assert_allclose(plan.path[-1, :2], problem.goal[:2], atol=1e-9)
-    space = problem.space
-    assert not Judge(space.solid, space.bounds, problem.clearance).faults(plan.path[:, :2])
+    assert not Judge.of(problem).faults(plan.path[:, :2])
 
 
 @pytest.mark.parametrize("name", PLANNERS)
