@@ -7,6 +7,7 @@ import shapely
 from planners.judge import sweep_faults
 from planners.rrt_star_woa.control_generator import ControlGenerator
 from planners.rrt_star_woa.rollout import STEP, rollout, time_to_cover
+from tests.scenes.test_footprints import solid
 from wheelchair_gym.geometry.kinematics import Limits
 from wheelchair_gym.geometry.outline import Footprint
 
@@ -28,12 +29,8 @@ def generate(generator, path=PATH, start=START, walls=WALLS, discs=DISCS, seed=0
 def assert_clear(controls, walls, discs):
     """No outline on the way, nor between two poses of the way, touches anything, as is said."""
     assert controls.collision_free
-    solid = shapely.union_all(
-        [*shapely.linestrings(walls.reshape(-1, 2, 2))]
-        + [shapely.Point(x, y).buffer(radius, 64) for x, y, radius in discs]
-    )
-    bounds, margin = (-99.0, -99.0, 99.0, 99.0), 2e-6
-    assert not sweep_faults(controls.rollout, FOOTPRINT.corners, solid, bounds, margin)
+    things, bounds = shapely.union_all(solid(walls, discs)), (-99.0, -99.0, 99.0, 99.0)
+    assert not sweep_faults(controls.rollout, FOOTPRINT.corners, things, bounds, margin=2e-6)
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -35,6 +35,10 @@ def on(rectangles, start=WAYS[0], goal=WAYS[1], clearance=0.0, size=10.0):
     return Problem(space, np.array(start), np.array(goal), clearance)
 
 
+def plan(spec, problem):
+    return make_planner(spec).plan(problem, np.random.default_rng(0))
+
+
 def assert_valid(plan, problem):
     assert plan.status == Status.SOLVED
     np.testing.assert_allclose(plan.path[0, :2], problem.start[:2], atol=1e-9)
