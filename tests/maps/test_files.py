@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.conftest import put
 from wheelchair_gym import maps
 from wheelchair_gym.base.files import parse_json
 from wheelchair_gym.base.settings import InputError
@@ -20,12 +21,15 @@ KEYS = {
 }
 
 
-def put(folder, pixels=((254, 205), (0, 100)), **changes):
+def describe(folder, **changes):
+    """Write the description of a map."""
     keys = {key: value for key, value in (KEYS | changes).items() if value is not None}
-    (folder / "map.yaml").write_text("".join(f"{k}: {v}\n" for k, v in keys.items()))
-    if pixels is not None:
-        cv2.imwrite(str(folder / "map.pgm"), np.array(pixels, dtype=np.uint8))
-    return folder / "map.yaml"
+    return put(folder / "map.yaml", "".join(f"{k}: {v}\n" for k, v in keys.items()))
+
+
+def put_map(folder, **changes):
+    cv2.imwrite(str(folder / "map.pgm"), np.array([(254, 205), (0, 100)], dtype=np.uint8))
+    return describe(folder, **changes)
 
 
 @pytest.mark.parametrize("suffix", [".pgm", ".png"])
@@ -47,7 +51,7 @@ def test_a_value_that_a_map_file_cannot_hold_is_refused(tmp_path):
 def test_grey_205_is_free_or_unknown_by_the_threshold(tmp_path, free_thresh, grey_205):
     said = pytest.warns(UserWarning, match=r"map\.yaml: free_thresh 0.25 reads the grey 205.* free")
     with said if grey_205 == maps.FREE else contextlib.nullcontext():
-        grid = maps.read_map(put(tmp_path, free_thresh=free_thresh))
+        grid = maps.read_map(put_map(tmp_path, free_thresh=free_thresh))
     assert grid.cells[1].tolist() == [maps.FREE, grey_205]  # the top row of the image is the last
     assert grid.cells[0].tolist() == [maps.OCCUPIED, maps.UNKNOWN]
     assert grid.origin == (1.0, 2.0, 0.5)
@@ -59,7 +63,7 @@ def test_what_is_transparent_is_never_free(tmp_path, mode, negate):
     """Of every grey and opacity; in trinary what nav2_map_server makes occupied stays so."""
     grey, opacity = np.meshgrid(np.arange(256), np.array([0, 1, 64, 128, 200, 254, 255]))
     cv2.imwrite(str(tmp_path / "map.png"), np.dstack([grey, grey, grey, opacity]).astype(np.uint8))
-    file = put(tmp_path, None, image="map.png", mode=mode, negate=negate)
+    file = describe(tmp_path, image="map.png", mode=mode, negate=negate)
     cells = np.flipud(maps.read_map(file).cells)
     clear = opacity < 255
     assert not (cells[clear] == maps.FREE).any()
@@ -96,7 +100,7 @@ def respelled(rng, text):
 
 @pytest.mark.parametrize("seed", range(12))
 def test_a_description_may_be_spelled_as_yaml_cpp_reads_it(tmp_path, seed):
-    expected = maps.read_map(put(tmp_path))
+    expected = maps.read_map(put_map(tmp_path))
     (tmp_path / "map.yaml").write_bytes(respelled(np.random.default_rng(seed), PLAIN))
     found = maps.read_map(tmp_path / "map.yaml")
     assert (found.cells == expected.cells).all()
@@ -106,7 +110,7 @@ def test_a_description_may_be_spelled_as_yaml_cpp_reads_it(tmp_path, seed):
 @pytest.mark.parametrize("key", [*KEYS, "mode"])
 def test_a_key_that_is_given_twice_is_refused(tmp_path, key):
     (line,) = (line for line in PLAIN.splitlines() if line.startswith(f"{key}:"))
-    put(tmp_path).write_text(f"{PLAIN}{line}\n")
+    put_map(tmp_path).write_text(f"{PLAIN}{line}\n")
     with pytest.raises(InputError, match=rf"map.yaml: line 8: .*the key '{key}' is given twice"):
         maps.read_map(tmp_path / "map.yaml")
     with pytest.raises(InputError, match=f"a.json: .*the key '{key}' is given twice"):
@@ -122,9 +126,9 @@ def test_a_key_that_is_given_twice_is_refused(tmp_path, key):
     ],
 )  # fmt: skip
 def test_what_a_description_lacks_is_said_and_found(tmp_path, changes, says):
-    expected = maps.read_map(put(tmp_path)).cells
+    expected = maps.read_map(put_map(tmp_path)).cells
     with pytest.warns(UserWarning, match=says):
-        assert (maps.read_map(put(tmp_path, **changes)).cells == expected).all()
+        assert (maps.read_map(put_map(tmp_path, **changes)).cells == expected).all()
 
 
 @pytest.mark.filterwarnings("ignore:.*reads the grey 205")

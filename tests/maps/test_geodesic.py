@@ -91,10 +91,8 @@ def test_ways_keep_their_radius_and_their_length(seed):
             continue
         assert way[0] == pytest.approx(start)
         assert way[-1] == pytest.approx(goal)
-        dense = np.concatenate(
-            [np.linspace(a, b, 2 + int(math.dist(a, b) / 0.01)) for a, b in itertools.pairwise(way)]
-        )
-        row, col = grid.to_cell(dense).T
+        dense = shapely.segmentize(shapely.LineString(way), 0.01)
+        row, col = grid.to_cell(shapely.get_coordinates(dense)).T
         assert (gap[row, col] >= radius - grid.resolution).all()
         assert path_length(way) == pytest.approx(float(ways.at(start)), abs=0.02)
 

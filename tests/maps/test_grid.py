@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import shapely
 
-from wheelchair_gym.geometry.planar import point_segment_distance
+from tests.sim.worlds import wall_gaps
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
 
@@ -66,11 +66,8 @@ def test_distance_is_exact_to_the_nearest_square(seed, share, side):
     grid = random_grid(seed, share, side=side)
     if not grid.solid().any():
         pytest.skip("this seed draws nothing solid")
-    walls = grid.walls()
-    for (row, col), gap in np.ndenumerate(grid.distance()):
-        x, y = grid.to_world((row, col))
-        exact = min(point_segment_distance(x, y, *wall) for wall in walls)
-        assert gap == pytest.approx(0.0 if grid.solid()[row, col] else exact, abs=1e-6)
+    exact = wall_gaps(grid.to_world(np.moveaxis(np.indices(grid.shape), 0, -1)), grid.walls())
+    assert grid.distance() == pytest.approx(np.where(grid.solid(), 0.0, exact), abs=1e-6)
 
 
 def test_unknown_is_solid_only_if_asked_and_never_traversable():

@@ -5,15 +5,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from tests.maps.test_files import describe
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, read_map
 from wheelchair_gym.maps.io.floor_plan import read_floor_plan_image
 
 STEPS = 5  # grey k of these is the share k / 5 of white, which each encoding below can hold exactly
-YAML = (
-    "image: {}\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: {}\nmode: {}\n"
-    "occupied_thresh: 0.6\nfree_thresh: 0.2\n"
-)
+THRESHOLDS = {"occupied_thresh": 0.6, "free_thresh": 0.2}
 INVERSE = {
     2: "FLIP_LEFT_RIGHT", 3: "ROTATE_180", 4: "FLIP_TOP_BOTTOM", 5: "TRANSPOSE", 6: "ROTATE_90",
     7: "TRANSVERSE", 8: "ROTATE_270",
@@ -82,9 +80,9 @@ def test_the_same_picture_gives_the_same_cells(tmp_path, levels, negate, mode):
     inner = np.where(picture / STEPS < 192 / 255, OCCUPIED, FREE)
     for name, write in encodings(picture):
         write(tmp_path / name)
-        (tmp_path / "map.yaml").write_text(YAML.format(name, negate, mode))
+        file = describe(tmp_path, image=name, negate=negate, mode=mode, **THRESHOLDS)
         step = 8 if name.endswith(".jpg") else 1
-        cells = np.flipud(read_map(tmp_path / "map.yaml").cells)[::step, ::step]
+        cells = np.flipud(read_map(file).cells)[::step, ::step]
         np.testing.assert_array_equal(cells, expected, err_msg=name)
         plan = np.flipud(read_floor_plan_image(tmp_path / name, 0.1).cells)[::step, ::step]
         np.testing.assert_array_equal(plan[1:-1, 1:-1], inner[1:-1, 1:-1], err_msg=name)

@@ -6,7 +6,7 @@ import pytest
 from tests.conftest import put
 from wheelchair_gym import maps
 from wheelchair_gym.base.settings import InputError
-from wheelchair_gym.geometry.planar import polygon_edges
+from wheelchair_gym.geometry.planar import polygon_edges, to_world
 from wheelchair_gym.scenes import make_scene
 
 OCTILE = "type octile\nheight 3\nwidth 4\nmap\n.G@O\nSSTW\n....\n"
@@ -53,8 +53,7 @@ def test_solid_polygons_that_overlap_are_united(tmp_path, seed):
     for _ in range(rng.integers(1, 12)):
         size, turn = rng.uniform(0.3, 6.0, 2), rng.choice([0.0, rng.uniform(0, 6)])
         box = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * size / 2
-        box = box @ np.array([(np.cos(turn), np.sin(turn)), (-np.sin(turn), np.cos(turn))])
-        polygons.append((box + rng.integers(0, 9, 2))[:: rng.choice([-1, 1])])
+        polygons.append(to_world(box, (*rng.integers(0, 9, 2), turn))[:: rng.choice([-1, 1])])
     top = rng.uniform((7.9, 5.9), (8.0, 6.0))
     room = {"bounds": [0, 0, *top], "polygons": [polygon.tolist() for polygon in polygons]}
     found = maps.read_any_map(put(tmp_path / "room.json", room))

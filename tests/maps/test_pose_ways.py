@@ -18,7 +18,7 @@ from wheelchair_gym.maps import OCCUPIED, OccupancyGrid
 from wheelchair_gym.maps import cost_to_go as costs
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.scenes.arena import Doorway, check_passable
-from wheelchair_gym.types import Episode
+from wheelchair_gym.types import Episode, no_discs
 
 POSED = {
     "scene": "clutter",
@@ -263,7 +263,7 @@ def test_between_posts_an_outline_may_grow_by_half_the_play(gap, round_):
     posts = np.array([(3, low - 0.15, 0.15), (3, high + 0.15, 0.15)])
     if not round_:
         walls = np.vstack([BOX, [(3, 0, 3, low), (3, high, 3, 4)]])
-        posts = np.empty((0, 3))
+        posts = no_discs()
     found = maps.footprint_margin(walls, posts, (1.0, 2.0, 0.0), (5.0, 2.0), OUTLINE)
     exact = min(0.10, 0.5 * gap - OUTLINE.half_width)
     assert exact - 0.0201 <= found <= exact + 0.0101
@@ -284,19 +284,17 @@ def test_turns_count(door, corridor):
 
 def test_where_no_way_leads_the_least_is_said():
     walls = np.vstack([BOX, [(3, 0, 3, 4)]])
-    discs = np.empty((0, 3))
-    assert maps.footprint_margin(walls, discs, (1.0, 2.0, 0.0), (5.0, 2.0), OUTLINE) == -0.05
-    assert maps.footprint_margin(walls, discs, (1.0, 2.0, 0.0), (2.0, 2.0), OUTLINE) == 0.10
+    assert maps.footprint_margin(walls, no_discs(), (1.0, 2.0, 0.0), (5.0, 2.0), OUTLINE) == -0.05
+    assert maps.footprint_margin(walls, no_discs(), (1.0, 2.0, 0.0), (2.0, 2.0), OUTLINE) == 0.10
 
 
 @pytest.mark.parametrize(("place", "yaw"), [((0.45, 2.0), 0.0), ((5.55, 2.0), math.pi)])
 def test_in_a_lane_the_roomiest_heading_is_along_it_with_the_back_to_the_wall(place, yaw):
     lane = np.vstack([BOX, [(0, 1.5, 6, 1.5), (0, 2.5, 6, 2.5)]])
-    discs = np.empty((0, 3))
-    found, room = best_clearance_heading(place, OUTLINE, lane, discs)
+    found, room = best_clearance_heading(place, OUTLINE, lane, no_discs())
     assert found == pytest.approx(yaw)
     assert room == pytest.approx(0.45 - OUTLINE.rear)
-    assert best_clearance_heading((0.1, 2.0), OUTLINE, lane, discs)[1] <= 0.0
+    assert best_clearance_heading((0.1, 2.0), OUTLINE, lane, no_discs())[1] <= 0.0
 
 
 @pytest.mark.parametrize("side", [1, 4, 5])

@@ -3,6 +3,7 @@
 import numpy as np
 
 from tests.sensors.test_laser import brute_force
+from tests.sim.worlds import wall_gaps
 from wheelchair_gym.geometry.planar import polygon_edges, to_world
 from wheelchair_gym.perception.occupancy import OccupancyMap, read_scan
 from wheelchair_gym.sensors.settings import LaserSettings
@@ -30,11 +31,7 @@ def ranges(pose, rng=None, sigma=0.015):
 
 def away(points):
     """Distance (n,) [m] from points (n, 2) to the nearest wall."""
-    p = np.asarray(points)[:, None]
-    a, b = walls()[:, :2], walls()[:, 2:]
-    t = ((p - a) * (b - a)).sum(-1) / ((b - a) ** 2).sum(-1)
-    nearest = a + np.clip(t, 0, 1)[..., None] * (b - a)
-    return np.hypot(*np.moveaxis(p - nearest, -1, 0)).min(axis=1)
+    return wall_gaps(points, walls())
 
 
 def mapped(seed):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.conftest import json_of, output_of, refusal
+from tests.conftest import json_of, output_of, put, refusal
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.maps import OCCUPIED, read_map
 from wheelchair_gym.perception.logs import LASER, PER_TICK, TRACK, read_log
@@ -22,9 +22,7 @@ def line(k, *, time=None, left=None, right=None, far=2000.0):
 
 
 def written(tmp_path, lines):
-    path = tmp_path / "robot.dat"
-    path.write_text("\n".join(lines) + "\n")
-    return path
+    return put(tmp_path / "robot.dat", "\n".join(lines) + "\n")
 
 
 def test_a_good_log_is_read_as_it_is(tmp_path):

@@ -7,7 +7,6 @@ from tests.perception.rooms import LASER, away, mapped, ranges, tour
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, geodesic
 from wheelchair_gym.perception import occupancy
-from wheelchair_gym.perception.occupancy import find_frontiers
 
 
 def test_a_ray_passes_the_cells_that_brute_force_finds():
@@ -90,8 +89,7 @@ def test_surfaces_stay_where_the_wall_is_however_often_it_is_seen():
 
 
 def test_what_moved_away_is_free_again_and_log_odds_stay_within_their_clamp():
-    own = occupancy.MappingSettings()
-    known = occupancy.OccupancyMap(own)
+    known = occupancy.OccupancyMap()
     for reach, cell in ((1.0, OCCUPIED), (2.0, FREE)):
         for _ in range(20):
             scan = occupancy.read_scan(LASER, np.full(LASER.beams, reach))
@@ -104,10 +102,9 @@ def test_what_moved_away_is_free_again_and_log_odds_stay_within_their_clamp():
 
 
 def test_invalid_beams_say_nothing_and_beams_without_echo_free_so_far():
-    own = occupancy.MappingSettings()
     readings = np.full(LASER.beams, np.nan)
     readings[::2] = -np.inf
-    known = occupancy.OccupancyMap(own)
+    known = occupancy.OccupancyMap()
     known.integrate(occupancy.read_scan(LASER, readings), np.zeros(3))
     assert (known.layers.odds == 0).all()
     known.integrate(occupancy.read_scan(LASER, np.full(LASER.beams, np.inf)), np.zeros(3))
@@ -162,7 +159,7 @@ def cells():
 def test_the_only_frontier_is_the_open_end(cells):
     grid = OccupancyGrid(cells, 0.1)
     pose = np.array([2.0, 4.0, 0.3])
-    (found,) = find_frontiers(grid, pose, 0.35)
+    (found,) = occupancy.find_frontiers(grid, pose, 0.35)
     assert found.place[0] == pytest.approx(7.95)
     assert abs(found.place[1] - 4.0) < 0.06
     assert found.path_length == pytest.approx(geodesic(grid, pose[:2], 0.35).at(found.place))
@@ -174,23 +171,23 @@ def test_nothing_is_left_where_all_is_known_or_out_of_reach(cells):
     cells[19:61, 80] = OCCUPIED
     cells[64:80, 60] = FREE  # the room opens to the unknown, and no way leads there
     grid = OccupancyGrid(cells, 0.1)
-    assert find_frontiers(grid, (2.0, 4.0), 0.35) == []
-    assert len(find_frontiers(grid, (2.0, 7.2), 0.35)) == 1
+    assert occupancy.find_frontiers(grid, (2.0, 4.0), 0.35) == []
+    assert len(occupancy.find_frontiers(grid, (2.0, 7.2), 0.35)) == 1
 
 
 def test_gaps_between_beams_are_no_frontiers(cells):
     cells[19:61, 80] = OCCUPIED
     cells[40, 40:43] = UNKNOWN
     grid = OccupancyGrid(cells, 0.1)
-    assert find_frontiers(grid, (2.0, 4.0), 0.35, min_length=1.0) == []
-    (gap,) = find_frontiers(grid, (2.0, 4.0), 0.35, min_length=0.2)
+    assert occupancy.find_frontiers(grid, (2.0, 4.0), 0.35, min_length=1.0) == []
+    (gap,) = occupancy.find_frontiers(grid, (2.0, 4.0), 0.35, min_length=0.2)
     assert gap.beyond == pytest.approx(0.03)
 
 
 def test_what_lies_beyond_a_frontier_is_measured(cells):
     """A hall whose east end is unknown up to the map's edge, or up to a wall."""
-    (found,) = find_frontiers(OccupancyGrid(cells, 0.1), (2.0, 4.0), 0.35)
+    (found,) = occupancy.find_frontiers(OccupancyGrid(cells, 0.1), (2.0, 4.0), 0.35)
     assert found.beyond == np.inf
     cells[19:61, 95] = cells[19, 80:96] = cells[60, 80:96] = OCCUPIED
-    (found,) = find_frontiers(OccupancyGrid(cells, 0.1), (2.0, 4.0), 0.35)
+    (found,) = occupancy.find_frontiers(OccupancyGrid(cells, 0.1), (2.0, 4.0), 0.35)
     assert found.beyond == pytest.approx(40 * 15 * 0.01)

@@ -172,9 +172,8 @@ def test_a_trusted_prior_holds_the_pose(known):
 
 def test_along_a_corridor_the_covariance_is_long():
     laser, made = LASER, OccupancyMap()
-    angle = np.linspace(-0.5 * laser.fov, 0.5 * laser.fov, laser.beams)
     with np.errstate(divide="ignore"):
-        walls = 1.0 / np.abs(np.sin(angle))
+        walls = 1.0 / np.abs(np.sin(laser.angles))
     scan = read_scan(laser, np.where(walls > 3.0, np.inf, walls))
     for x in np.arange(-6.0, 6.0, 0.5):
         made.integrate(scan, (x, 0.0, 0.0))

@@ -4,14 +4,14 @@ import numpy as np
 import shapely
 
 from planners import Problem, Space
+from tests.planners.test_planners import on
 from wheelchair_gym.scenes.published import CHAOTIC_PSO_DISCS
 
 BLOCKS = [(2.0, 3.0, 6.0, 5.0), (5.0, 6.0, 8.0, 7.5), (0.0, 7.0, 3.0, 8.0)]
 
 
 def among_blocks():
-    space = Space.from_rectangles(BLOCKS, (0.0, 0.0, 10.0, 10.0))
-    return Problem(space, np.array([1.0, 1.0]), np.array([9.0, 9.0]))
+    return on(BLOCKS)
 
 
 def among_discs():

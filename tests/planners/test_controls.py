@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 import shapely
 
+from planners.judge import sweep_faults
 from planners.rrt_star_woa.control_generator import ControlGenerator
 from planners.rrt_star_woa.rollout import STEP, rollout, time_to_cover
+from tests.scenes.test_footprints import solid
 from wheelchair_gym.geometry.kinematics import Limits
 from wheelchair_gym.geometry.outline import Footprint
-from wheelchair_gym.geometry.planar import to_world
 
 LIMITS, FOOTPRINT = Limits(), Footprint()
 PATH = np.array([(0, 0), (3, 0), (3, 4), (6, 4.5), (9, 9)], dtype=float)
@@ -28,15 +29,8 @@ def generate(generator, path=PATH, start=START, walls=WALLS, discs=DISCS, seed=0
 def assert_clear(controls, walls, discs):
     """No outline on the way, nor between two poses of the way, touches anything, as is said."""
     assert controls.collision_free
-    solid = shapely.union_all(
-        [*shapely.linestrings(walls.reshape(-1, 2, 2))]
-        + [shapely.Point(x, y).buffer(radius, 64) for x, y, radius in discs]
-    )
-    for before, after in zip(controls.rollout[:-1], controls.rollout[1:], strict=True):
-        for part in (0.0, 0.5):
-            pose = before + part * (after - before)
-            outline = shapely.Polygon(to_world(FOOTPRINT.corners, pose))
-            assert not outline.intersects(solid), pose
+    things, bounds = shapely.union_all(solid(walls, discs)), (-99.0, -99.0, 99.0, 99.0)
+    assert not sweep_faults(controls.rollout, FOOTPRINT.corners, things, bounds, margin=2e-6)
 
 
 @pytest.mark.parametrize("seed", range(3))

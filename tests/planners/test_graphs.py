@@ -19,7 +19,7 @@ from planners.graphs.visibility import optima
 from planners.judge import Judge
 from planners.smoothing.shortcut import edge_cost, shortcut
 from tests.planners.oracle import shortest_line
-from tests.planners.test_planners import on
+from tests.planners.test_planners import on, plan
 from tests.planners.test_space import BOUNDS, FINE, LATTICE, SQUARES, raster, solids
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid
 
@@ -45,8 +45,8 @@ def test_grids_are_complete_at_their_resolution(rectangles, resolution):
         return
     searches = [{"name": name} for name in ("a_star", "bfs", "dfs", "dijkstra")]
     for search in (*searches, {"name": "a_star", "connectivity": 4}):
-        planner = make_planner({**search, "resolution": resolution, "refinements": 0})
-        assert planner.plan(problem, np.random.default_rng(0)).status == Status.SOLVED
+        coarse = {**search, "resolution": resolution, "refinements": 0}
+        assert plan(coarse, problem).status == Status.SOLVED
 
 
 @settings(max_examples=25, deadline=None)
@@ -94,22 +94,19 @@ def test_a_search_that_outlasts_its_deadline_is_exhausted():
 
 @pytest.mark.parametrize("connectivity", [4, 8])
 def test_lattice_paths_cost_what_the_lattice_says(connectivity):
-    planner = make_planner({"name": "a_star", "connectivity": connectivity, "shortcut": False})
     problem = on([(4, 0, 5, 9)], (1, 1), (8, 1))  # round an end: no direct way
-    plan = planner.plan(problem, np.random.default_rng(0))
+    found = plan({"name": "a_star", "connectivity": connectivity, "shortcut": False}, problem)
     diagonal = math.sqrt(2)
     expected = {4: 3 + 8 + 1 + 8 + 3, 8: (3 * diagonal + 5) + 1 + (3 * diagonal + 5)}
-    assert plan.length == pytest.approx(expected[connectivity], abs=0.25)
-    assert not Judge.of(problem).faults(plan.path)
+    assert found.length == pytest.approx(expected[connectivity], abs=0.25)
+    assert not Judge.of(problem).faults(found.path)
 
 
 def test_orders_of_one_search_keep_what_each_promises():
     """Dijkstra finds A*'s cost with more nodes, and breadth no more edges."""
     problem = on([(2, 3, 6, 5), (5, 6, 8, 7.5), (4, 0, 5, 2)])
-    plans = {}
-    for name in ("a_star", "dijkstra", "bfs", "dfs"):
-        planner = make_planner({"name": name, "shortcut": False})
-        plans[name] = planner.plan(problem, np.random.default_rng(0))
+    names = "a_star", "dijkstra", "bfs", "dfs"
+    plans = {name: plan({"name": name, "shortcut": False}, problem) for name in names}
     a_star = plans["a_star"]
     # The first and the last edge are of any length: the sums differ by as much.
     assert plans["dijkstra"].length == pytest.approx(a_star.length, abs=0.2)

@@ -12,7 +12,7 @@ from planners import PLANNERS, Problem, Space, Status, make_planner
 from planners.collision.polygon_tests import point_free
 from planners.judge import plan_faults
 from tests.conftest import long_but
-from tests.planners.test_planners import quick
+from tests.planners.test_planners import on, quick
 from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.geometry.planar import polygon_edges, to_frame, to_world
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid, geodesic
@@ -166,16 +166,14 @@ def test_geodesics_distances_and_poses_move_with_their_map():
     ],
 )
 def test_every_plan_begins_and_ends_as_asked(name, start, goal):
-    space = Space.from_rectangles([(3.5, 2.0, 4.5, 4.5)], (0.0, 0.0, 8.0, 8.0))
-    problem = Problem(space, np.array(start), np.array(goal), CLEARANCE)
+    problem = on([(3.5, 2.0, 4.5, 4.5)], start, goal, CLEARANCE, size=8.0)
     planner = quick(name, 1000)
     plan = planner.plan(problem, np.random.default_rng(0))
     assert not plan_faults(plan, problem, getattr(planner, "footprint", None))
 
 
 def test_the_judge_of_answers_finds_every_kind_of_fault():
-    space = Space.from_rectangles([], (0.0, 0.0, 8.0, 8.0))
-    problem = Problem(space, np.array([2.0, 4.0, 0.0]), np.array([6.0, 4.0, 1.5]), CLEARANCE)
+    problem = on([], (2.0, 4.0, 0.0), (6.0, 4.0, 1.5), CLEARANCE, size=8.0)
     planner = make_planner("lattice")
     plan, footprint = planner.plan(problem, np.random.default_rng(0)), planner.footprint
     assert not plan_faults(plan, problem, footprint)

@@ -35,12 +35,15 @@ def on(rectangles, start=WAYS[0], goal=WAYS[1], clearance=0.0, size=10.0):
     return Problem(space, np.array(start), np.array(goal), clearance)
 
 
+def plan(spec, problem):
+    return make_planner(spec).plan(problem, np.random.default_rng(0))
+
+
 def assert_valid(plan, problem):
     assert plan.status == Status.SOLVED
     np.testing.assert_allclose(plan.path[0, :2], problem.start[:2], atol=1e-9)
     np.testing.assert_allclose(plan.path[-1, :2], problem.goal[:2], atol=1e-9)
-    space = problem.space
-    assert not Judge(space.solid, space.bounds, problem.clearance).faults(plan.path[:, :2])
+    assert not Judge.of(problem).faults(plan.path[:, :2])
 
 
 @pytest.mark.parametrize("name", PLANNERS)

@@ -11,6 +11,7 @@ from planners import PLANNERS, Problem, Space, Status, make_planner
 from planners.collision.solids import union
 from planners.judge import TOLERANCE
 from tests.planners.test_planners import BOX, COMPLETE, GIVEN_UP, PROVE, assert_valid, on, quick
+from tests.planners.test_space import solids
 from wheelchair_gym.base.settings import InputError
 
 SIZE = 8
@@ -25,18 +26,10 @@ def problems(draw):
     whole = st.integers(-1, SIZE + 1).map(float)
     any_ = st.floats(-1.0, SIZE + 1.0, width=32).map(float)
     coordinate = draw(st.sampled_from([whole, any_]))
-    solids = []
-    for _ in range(draw(st.integers(0, 8))):
-        if draw(st.booleans()):
-            x, y, w, h = (draw(coordinate) for _ in range(4))
-            w, h = 0.5 + abs(w) / 2, 0.5 + abs(h) / 2
-            solids.append([(x, y), (x + w, y), (x + w, y + h), (x, y + h)])
-        else:
-            a, b, c = (np.array([draw(coordinate), draw(coordinate)]) for _ in range(3))
-            if abs((b - a)[0] * (c - a)[1] - (b - a)[1] * (c - a)[0]) > 1e-3:
-                solids.append([a, b, c])
+    side = coordinate.map(lambda value: 0.5 + abs(value) / 2)
+    polygons = draw(solids(coordinate, side, most=8, flat=1e-3))
     start, goal = (np.array([draw(coordinate), draw(coordinate)]) for _ in range(2))
-    space = Space(union(solids), (0.0, 0.0, SIZE, SIZE))
+    space = Space(union(polygons), (0.0, 0.0, SIZE, SIZE))
     return Problem(space, start, goal, draw(st.sampled_from([0.0, 0.0, 0.3])))
 
 

@@ -3,14 +3,10 @@
 import numpy as np
 import pytest
 
-from planners import Status, make_planner
-from tests.planners.test_planners import assert_valid, on
+from planners import Status
+from tests.planners.test_planners import assert_valid, on, plan
 
 U = [(4, 2, 8, 2.5), (4, 7.5, 8, 8), (7.5, 2, 8, 8)]  # open to the left
-
-
-def plan(spec, problem):
-    return make_planner(spec).plan(problem, np.random.default_rng(0))
 
 
 def test_bug1_walks_once_round_and_at_most_half_again():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from agents.studies.runner import STUDIES
-from planners import Problem, Space, make_planner
+from planners import make_planner
 from planners.rrt_star_woa.path_shortening import RrtStarWoaGlobal
 from planners.rrt_star_woa.thesis import FIGURE_3_1, GLOBAL
 from planners.rrt_star_woa.woa import WhaleParameters, move, new_whales, tell
@@ -139,8 +139,7 @@ def test_local_variant_needs_fewer_nodes_for_a_shorter_path():
 
     With equal weights the sum of both distances is the same along the line to the goal.
     """
-    space = Space.from_rectangles(np.empty((0, 4)), (0.0, 0.0, 30.0, 30.0))
-    problem = Problem(space, np.array([2.0, 2.0]), np.array([28.0, 28.0]))
+    problem = on([], (2.0, 2.0), (28.0, 28.0), size=30.0)
     both, found = (replace(LOCAL, whales=BEST.whales, goal_weight=2.0), TREE), []
     for seed in range(8):
         local, tree = (planner.plan(problem, np.random.default_rng(seed)) for planner in both)

@@ -16,22 +16,23 @@ from wheelchair_gym.maps import OCCUPIED, OccupancyGrid
 
 BOUNDS = (0.0, 0.0, 8.0, 8.0)
 LATTICE = st.integers(-1, 9).map(float)
+WHOLE = st.integers(1, 4)
 FINE = st.integers(-64, 9 * 64).map(lambda k: k / 64)
 
 
 @st.composite
-def solids(draw, coordinate):
-    """A few overlapping, touching, nested rectangles and triangles."""
+def solids(draw, coordinate, side=WHOLE, most=6, flat=0.0):
+    """A few overlapping, touching, nested rectangles and triangles that are not flat."""
     found = []
-    for _ in range(draw(st.integers(0, 6))):
+    for _ in range(draw(st.integers(0, most))):
         if draw(st.booleans()):
             x, y = draw(coordinate), draw(coordinate)
-            w, h = draw(st.integers(1, 4)), draw(st.integers(1, 4))
+            w, h = draw(side), draw(side)
             found.append([(x, y), (x + w, y), (x + w, y + h), (x, y + h)])
         else:
             corners = draw(st.lists(st.tuples(coordinate, coordinate), min_size=3, max_size=3))
             (ax, ay), (bx, by), (cx, cy) = corners
-            if (bx - ax) * (cy - ay) != (by - ay) * (cx - ax):
+            if abs((bx - ax) * (cy - ay) - (by - ay) * (cx - ax)) > flat:
                 found.append(corners)
     return found
 
@@ -163,12 +164,10 @@ def raster(cells):
 def test_grids_are_what_their_cells_say(cells):
     space = Space.from_grid(raster(cells))
     arrays = space.arrays
-    rows, columns = cells.shape
-    for i in range(rows):
-        for j in range(columns):
-            assert point_free(arrays, j + 0.5, i + 0.5) == (cells[i, j] == 0)
+    for (i, j), solid in np.ndenumerate(cells):
+        assert point_free(arrays, j + 0.5, i + 0.5) == (solid == 0)
     rng = np.random.default_rng(2)
-    points = [tuple(map(float, p)) for p in rng.integers(0, 2 * columns + 1, (40, 2)) / 2]
+    points = [tuple(map(float, p)) for p in rng.integers(0, 2 * cells.shape[1] + 1, (40, 2)) / 2]
     agrees(space, points, list(itertools.pairwise(points)))
 
 

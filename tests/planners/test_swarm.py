@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
-from planners import OPTIMIZERS, Problem, Space, Status, make_planner
+from planners import OPTIMIZERS, Status, make_planner
 from planners.judge import Judge
 from planners.registries import OBJECTIVES
 from planners.smoothing.curves import CURVES, curve
@@ -16,6 +16,7 @@ from planners.swarm.path_cost import evaluate, new_workspace, push_out_of_discs
 from planners.swarm.planner import RrtWoa, SwarmPlanner
 from planners.swarm.search import new_search, run, sample_along
 from tests.planners.swarm_worlds import among_blocks, among_discs, nearest
+from tests.planners.test_planners import assert_valid, on
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.compiled.random import stream
@@ -121,8 +122,7 @@ def test_every_objective_and_curve_gives_valid_paths(objective, curve):
     planner = SwarmPlanner(objective=objective, curve=curve, iterations=30)
     for problem, seed in itertools.product((among_blocks(), among_discs()), range(2)):
         plan = planner.plan(problem, np.random.default_rng(seed))
-        assert plan.status == Status.SOLVED
-        assert not Judge.of(problem).faults(plan.path)
+        assert_valid(plan, problem)
         np.testing.assert_array_equal(plan.path[[0, -1]], [problem.start, problem.goal])
 
 
@@ -136,15 +136,11 @@ def test_hybrids_never_lengthen_their_first_path(name):
 
 
 def test_without_a_first_path_a_swarm_may_fail_and_says_so():
-    shut = Space.from_rectangles([(4.0, 0.0, 5.0, 10.0)], (0.0, 0.0, 10.0, 10.0))
-    problem = Problem(shut, np.array([1.0, 1.0]), np.array([9.0, 9.0]))
     planner = SwarmPlanner(first=None, scatter="uniform", way_points=3)
-    plan = planner.plan(problem, np.random.default_rng(0))
+    plan = planner.plan(on([(4.0, 0.0, 5.0, 10.0)]), np.random.default_rng(0))
     assert plan.status == Status.EXHAUSTED
     assert len(plan.path) == 0
-    plan = planner.plan(among_blocks(), np.random.default_rng(0))
-    assert plan.status == Status.SOLVED
-    assert not Judge.of(among_blocks()).faults(plan.path)
+    assert_valid(planner.plan(among_blocks(), np.random.default_rng(0)), among_blocks())
 
 
 @pytest.mark.parametrize("curve", ["polyline", "pchip", "spline"])
@@ -209,9 +205,7 @@ def test_any_optimiser_of_mealpy_takes_part():
         return
     for name in ("OriginalWOA", "OriginalGWO"):
         planner = replace(planner, optimizer={"name": "mealpy", "algorithm": name})
-        plan = planner.plan(problem, np.random.default_rng(0))
-        assert plan.status == Status.SOLVED
-        assert not Judge.of(problem).faults(plan.path)
+        assert_valid(planner.plan(problem, np.random.default_rng(0)), problem)
     with pytest.raises(InputError, match="mealpy: Ghosts"):
         replace(planner, optimizer={"name": "mealpy", "algorithm": "Ghosts"}).plan(
             problem, np.random.default_rng(0)

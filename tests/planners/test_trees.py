@@ -3,6 +3,8 @@
 RRT*-WOA over poses: exact outline, repeatability, deadlines, rounds that never harm.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import shapely
@@ -29,9 +31,8 @@ problem = pytest.fixture(lambda: on(RECTANGLES), scope="module", name="problem")
 
 
 def assert_free(problem, path):
-    space = problem.space
     np.testing.assert_array_equal(path[[0, -1]], [problem.start, problem.goal])
-    assert not Judge(space.solid, space.bounds).faults(path)
+    assert not Judge.of(problem).faults(path)
     assert (np.hypot(*np.diff(path, axis=0).T) > 0).all()
 
 
@@ -237,9 +238,7 @@ def test_problems_are_solved_and_the_outline_touches_nothing(name):
 
 def test_the_margin_is_kept_where_one_is_asked_for():
     problem, footprint, _ = CASES[ROOM]
-    wide = problem.__class__(
-        problem.space, problem.start, problem.goal, footprint.half_width + 0.05
-    )
+    wide = replace(problem, clearance=footprint.half_width + 0.05)
     answer = make_planner(NAME).plan(wide, np.random.default_rng(0))
     assert answer.status is Status.SOLVED
     space = problem.space

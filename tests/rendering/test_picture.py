@@ -18,6 +18,7 @@ from wheelchair_gym.types import Episode, no_discs
 OUTER = [(-0.2, -0.2), (8.2, -0.2), (8.2, 6.2), (-0.2, 6.2)]
 INNER = [(0.0, 0.0), (8.0, 0.0), (8.0, 6.0), (0.0, 6.0)]
 BLOCK = [(6.0, 1.0), (7.0, 1.0), (7.0, 2.0), (6.0, 2.0)]
+BARE = (0.0, 0.0, 6.0, 4.0), (0.5, 0.5), (5.5, 3.5)  # bounds, start and goal of a plan
 
 
 def room(origin=(0.0, 0.0, 0.0)):
@@ -184,25 +185,16 @@ def test_walls_in_any_order_and_direction_fill_the_same():
 def test_plan_shows_solids_holes_path_and_tree():
     hole = [(1.5, 1.5), (2.5, 1.5), (2.5, 2.5), (1.5, 2.5)]
     square = [(1, 1), (3, 1), (3, 3), (1, 3)]
-    bounds = (0.0, 0.0, 6.0, 4.0)
-    picture = PlanPicture(
-        bounds, (0.5, 0.5), (5.5, 3.5), [(0.5, 0.5), (5.0, 0.5), (5.5, 3.5)],
-        [(4.0, 2.0, 4.0, 3.0)], polygons=[square, hole],
-    )  # fmt: skip
-    image = picture.draw()
-    scale = 640 / 6.12
-
-    def at(x, y):
-        return tuple(map(int, image[int((4.06 - y) * scale), int((0.06 + x) * scale)]))
-
-    assert at(1.2, 2.0) == palette.SOLID
-    assert at(2.0, 2.0) == palette.FREE
-    assert at(3.0, 0.5) == palette.TRAIL
-    assert np.abs(np.array(at(4.0, 2.5)) - palette.FREE).sum() > 60
+    path, tree = [(0.5, 0.5), (5.0, 0.5), (5.5, 3.5)], [(4.0, 2.0, 4.0, 3.0)]
+    picture = PlanPicture(*BARE, path, tree, polygons=[square, hole])
+    image, frame = picture.draw(), floor.new_canvas((-0.06, -0.06, 6.06, 4.06), 640).frame
+    assert colour_at(image, frame, (1.2, 2.0)) == palette.SOLID
+    assert colour_at(image, frame, (2.0, 2.0)) == palette.FREE
+    assert colour_at(image, frame, (3.0, 0.5)) == palette.TRAIL
+    assert np.abs(np.subtract(colour_at(image, frame, (4.0, 2.5)), palette.FREE)).sum() > 60
 
 
 def test_a_legend_names_what_is_drawn_and_nothing_else():
-    ways = (0.0, 0.0, 6.0, 4.0), (0.5, 0.5), (5.5, 3.5)
     drawn = {
         "path": [(0.5, 0.5), (5.5, 0.5), (5.5, 3.5)],
         "tree": [(4.0, 2.0, 4.0, 3.0)],
@@ -214,13 +206,13 @@ def test_a_legend_names_what_is_drawn_and_nothing_else():
         "path": palette.TRAIL, "tree": palette.TREE, "optimum": palette.OPTIMUM,
         "swarm": palette.ORANGE, "outlines": palette.OUTLINE,
     }  # fmt: skip
-    plain = PlanPicture(*ways, **drawn).draw()
-    full = PlanPicture(*ways, **drawn).draw(legend=True)
+    plain = PlanPicture(*BARE, **drawn).draw()
+    full = PlanPicture(*BARE, **drawn).draw(legend=True)
     rows = len(full) - len(plain)
     np.testing.assert_array_equal(full[rows:], plain)
     for left_out in drawn:
         some = {name: what for name, what in drawn.items() if name != left_out}
-        legend = PlanPicture(*ways, **some).draw(legend=True)[:rows]
+        legend = PlanPicture(*BARE, **some).draw(legend=True)[:rows]
         for name, colour in colours.items():
             assert (legend == colour).all(axis=-1).any() == (name != left_out), (name, left_out)
 
@@ -228,9 +220,8 @@ def test_a_legend_names_what_is_drawn_and_nothing_else():
 @pytest.mark.parametrize("words", [1, 12, 60])
 def test_a_caption_above_a_picture_has_all_its_words(words):
     """Each word changes the picture, which grows by rows; the drawing below stays."""
-    ways = (0.0, 0.0, 6.0, 4.0), (0.5, 0.5), (5.5, 3.5)
     said = ["solved"] * words
-    picture = PlanPicture(*ways)
+    picture = PlanPicture(*BARE)
     whole, bare = (picture.draw(caption=c, legend=True) for c in (" ".join(said), ""))
     assert len(whole) > len(bare)
     np.testing.assert_array_equal(whole[len(whole) - len(bare) + 30 :], bare[30:])

@@ -1,24 +1,26 @@
 """Laws of scenes where something moves: what is drawn has room, and settings mean what they say."""
 
-import itertools
 import math
 
 import cv2
 import numpy as np
 import pytest
+import shapely
 from scipy import ndimage
+from scipy.spatial.distance import pdist
 
 from agents.evaluation.compare import suite
 from agents.evaluation.evaluate import without_labels
 from tests.conftest import long_but
+from tests.sim.worlds import wall_gaps
 from wheelchair_gym import maps
 from wheelchair_gym.actors import records
 from wheelchair_gym.actors.records import door
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.geometry.outline import footprint_clearance
-from wheelchair_gym.geometry.planar import path_length, point_segment_distance
+from wheelchair_gym.geometry.planar import path_length
 from wheelchair_gym.scenes import make_scene
-from wheelchair_gym.scenes.arena import FOOTPRINT, WALL, Doorway, passing_radius
+from wheelchair_gym.scenes.arena import FOOTPRINT, WALL, Doorway, is_free_pose, passing_radius
 from wheelchair_gym.scenes.crowd import leaves_that_let_pass
 from wheelchair_gym.scenes.pedestrians import WALKING_RADIUS, free_area
 from wheelchair_gym.scenes.raster import CELL
@@ -57,7 +59,7 @@ def test_a_crowd_begins_apart_from_the_chair_and_from_everything():
         for k, (x, y, radius) in enumerate(discs):
             gaps = np.hypot(discs[:, 0] - x, discs[:, 1] - y) - discs[:, 2] - radius
             assert np.delete(gaps, k).min(initial=1.0) > 0.0
-            assert min(point_segment_distance(x, y, *wall) for wall in episode.walls) > radius
+        assert (wall_gaps(discs[:, :2], episode.walls) > discs[:, 2]).all()
         for row in rows[rows["kind"] == records.PERSON]:
             assert math.dist(row["pose"][:2], episode.start[:2]) >= 2.0
         for row in rows[rows["kind"] == records.FURNITURE]:
@@ -78,11 +80,8 @@ def test_people_walk_ways_that_keep_off_walls():
         for k in np.flatnonzero(rows["kind"] == records.PERSON):
             route = episode.actors.route(int(k))
             assert path_length(route) >= 3.0 - 0.2
-            ways = [
-                np.linspace(a, b, 2 + int(20 * math.dist(a, b)))
-                for a, b in itertools.pairwise(route)
-            ]
-            cells = episode.map.to_cell(np.concatenate(ways))
+            dense = shapely.segmentize(shapely.LineString(route), 0.05)
+            cells = episode.map.to_cell(shapely.get_coordinates(dense))
             # A step may lead across a cell's corner.
             assert free[tuple(cells.T)].min() > WALKING_RADIUS - 0.11
             np.testing.assert_array_equal(rows["pose"][k, :2], route[0])
@@ -96,9 +95,7 @@ def test_leaves_shut_their_doorways_and_open_them_fully():
         layout, episode = scene.sample_building(np.random.default_rng(seed))
         for row in episode.actors.rows[episode.actors.rows["kind"] == records.DOOR]:
             ends = records.leaf_line(row, *row["pose"])
-            for end in ends:
-                gap = min(point_segment_distance(*end, *wall) for wall in episode.walls)
-                assert gap < 1e-6
+            assert (wall_gaps(ends, episode.walls) < 1e-6).all()
             x, y, heading = row["pose"]
             if row["swings"]:
                 swung += 1
@@ -129,18 +126,14 @@ def test_suites_among_people_can_be_solved(name):
             ends = episode.start, episode.goal, FOOTPRINT
             assert maps.footprint_margin(episode.walls, episode.discs, *ends) > 0.0
             for pose in ends[:2]:
-                array = FOOTPRINT.array
-                assert footprint_clearance(*pose, array, episode.walls, episode.discs, 1.0) >= 0.15
+                assert is_free_pose(pose, episode.walls, episode.discs, FOOTPRINT, 0.15)
             rows = episode.actors.rows
             assert len(rows) >= 1
             assert (rows["kind"] == records.PERSON).all()
-            for x, y, _ in rows["pose"]:
-                assert math.dist((x, y), episode.start[:2]) >= 2.0
-                assert min(point_segment_distance(x, y, *w) for w in episode.walls) > 0.25
             places = rows["pose"][:, :2]
-            for k in range(len(places)):
-                gaps = np.hypot(*(places - places[k]).T)
-                assert np.delete(gaps, k).min(initial=1.0) > 0.5
+            assert (np.hypot(*(places - episode.start[:2]).T) >= 2.0).all()
+            assert (wall_gaps(places, episode.walls) > 0.25).all()
+            assert (pdist(places) > 0.5).all()
 
             # Nobody gets out: the border of the map is solid, and walls are closed lines.
             rim = np.ones(episode.map.shape, bool)
@@ -209,8 +202,7 @@ def test_the_scene_of_all_people_has_every_kind_in_each_episode():
             assert math.dist(rows["pose"][k, :2], leader["pose"][:2]) == pytest.approx(
                 np.hypot(*rows["offset"][k])
             )
-        for x, y, _ in rows["pose"]:
-            assert min(point_segment_distance(x, y, *w) for w in episode.walls) > 0.2
+        assert (wall_gaps(rows["pose"][:, :2], episode.walls) > 0.2).all()
 
 
 def test_who_walks_without_a_trolley_weighs_what_a_person_does():
@@ -240,10 +232,7 @@ def test_what_appears_lies_on_the_way():
         path = maps.geodesic(episode.map, episode.goal[:2], RADIUS).path(episode.start[:2])
         for row in episode.actors.rows:
             assert row["kind"] == records.OBSTACLE
-            gap = min(
-                point_segment_distance(*row["pose"][:2], *a, *b)
-                for a, b in itertools.pairwise(path)
-            )
+            gap = shapely.distance(shapely.LineString(path), shapely.Point(row["pose"][:2]))
             assert gap <= 0.15 * math.sqrt(2) + 1e-9
             assert row["minimum"] >= 1.2
             assert row["near"] > row["minimum"]

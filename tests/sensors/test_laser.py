@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from wheelchair_gym.geometry.planar import to_world
 from wheelchair_gym.sensors import laser as lasers
 from wheelchair_gym.sensors.settings import LaserSettings
 
@@ -151,16 +152,13 @@ def test_a_laser_at_the_edge_does_not_look_through_what_the_chair_touches(mount,
     laser = LaserSettings(x=mount[0], y=mount[1], yaw=yaw, beams=271)
     distance, half, behind = math.hypot(*mount), 0.3, -2.0
     for turn in np.linspace(0.1, 6.0, 7):
-        rotation = np.array([(math.cos(turn), -math.sin(turn)), (math.sin(turn), math.cos(turn))])
 
-        def placed(points, rotation=rotation):
-            return (rotation @ np.array(points).reshape(-1, 2).T).T.reshape(-1, 4) + 3.0
-
-        def scan_at(depth, rotation=rotation, turn=turn):
+        def scan_at(depth, turn=turn, frame=(3.0, 3.0, turn)):
             near, far = distance - depth, distance - depth + 0.1
             walls = [(near, -half, near, half), (far, -half, far, half)]
-            walls = placed([*(() if round_ else walls), (behind, -9, behind, 9)])
-            disc = np.array([[*(rotation @ (near + half, 0.0) + 3.0), half]])
+            walls = np.reshape([*(() if round_ else walls), (behind, -9, behind, 9)], (-1, 2))
+            walls = to_world(walls, frame).reshape(-1, 4)
+            disc = np.array([[*to_world((near + half, 0.0), frame), half]])
             out, pose = np.empty(271, np.float32), np.array([3.0, 3.0, turn - yaw])
             arrays, discs = lasers.LaserArrays.of(laser, False), disc if round_ else NO_DISCS
             lasers.sense_laser(arrays, pose, walls, discs, np.uint64(0), 0, ROOM, out)

@@ -22,8 +22,8 @@ def wander(chair, steps, seed=0):
 
 
 def test_without_errors_dead_reckoning_holds_to_the_encoder_quantum():
-    chair = SimulatedChair(sensors=SensorSettings(noise=False, pose_source="odometry"))
-    chair.reset(box(50), 0)
+    sensors = SensorSettings(noise=False, pose_source="odometry")
+    chair = placed(SimulatedChair(sensors=sensors), box(50))
     for reading, truth in wander(chair, 300):
         gap = reading.pose - truth.pose
         assert np.hypot(*gap[:2]) < 0.01

@@ -5,16 +5,16 @@ import math
 import numpy as np
 import pytest
 
-from tests.sensors.test_laser import nearest_in_cone, random_world
-from tests.sim.worlds import box, exact_chair
-from wheelchair_gym.sensors.laser import WORKSPACE_ROWS
+from tests.sensors.test_laser import NO_DISCS, ROOM, nearest_in_cone, random_world
+from tests.sim.worlds import box, exact_chair, placed
 from wheelchair_gym.sensors.settings import SensorSettings, UltrasonicSettings
 from wheelchair_gym.sensors.ultrasonic import RANGER, first_echo, ranger_rows, sense_ultrasonic
 from wheelchair_gym.sim.chair import SimulatedChair
 
-ROOM = np.empty((WORKSPACE_ROWS, 64), np.float32)
-NO_WALLS, NO_DISCS = np.empty((0, 4)), np.empty((0, 3))
+NO_WALLS = np.empty((0, 4))
+NARROW = math.radians(7.5)  # half of a cone
 NEVER = (100.0, 200.0)  # incidences from which echoes are lost
+LOSSES = math.radians(15), math.radians(25)
 
 
 def wall(distance, slant=0.0, half=20.0):
@@ -28,13 +28,13 @@ def ranger(half, reach, losses):
     return np.array([(0, (0.0, 0.0, 0.0), math.tan(half), reach, 0.0, 0.0, *losses)], RANGER)[0]
 
 
-def heard(half, losses, draw, walls):
-    """The first echo [m] in a cone of half an angle, with incidences of losses, and a draw."""
-    return first_echo(0.0, 0.0, 0.0, ranger(half, 4.0, losses), draw, walls, NO_DISCS, ROOM)
+def heard(draw, walls):
+    """The first echo [m] in a narrow cone that loses some, with a draw."""
+    return first_echo(0.0, 0.0, 0.0, ranger(NARROW, 4.0, LOSSES), draw, walls, NO_DISCS, ROOM)
 
 
 @pytest.mark.parametrize("worlds", [150, pytest.param(500, marks=pytest.mark.long)])
-@pytest.mark.parametrize("half", [math.radians(7.5), math.radians(27.5)])
+@pytest.mark.parametrize("half", [NARROW, math.radians(27.5)])
 def test_cone_equals_brute_force_on_random_worlds(half, worlds):
     """Without losses, the first echo is the nearest of densely cast rays in the cone."""
     rng = np.random.default_rng(3)
@@ -54,31 +54,26 @@ def test_cone_equals_brute_force_on_random_worlds(half, worlds):
 
 
 def test_slanted_wall_answers_from_the_cone_edge_or_not_at_all():
-    half = math.radians(7.5)
-    losses = math.radians(15), math.radians(25)
     # A wall slanted by 20 degrees: its nearest point in the cone lies at the cone's edge, where
     # the sound arrives at 12.5 degrees, so it is heard; at 40 degrees it is not.
     slant = math.radians(20)
-    edge = 2.0 * math.cos(slant) / math.cos(slant - half)
-    assert heard(half, losses, 0.0, wall(2.0, slant)) == pytest.approx(edge, rel=1e-9)
-    assert math.isinf(heard(half, losses, 0.999, wall(2.0, math.radians(40))))
+    edge = 2.0 * math.cos(slant) / math.cos(slant - NARROW)
+    assert heard(0.0, wall(2.0, slant)) == pytest.approx(edge, rel=1e-9)
+    assert math.isinf(heard(0.999, wall(2.0, math.radians(40))))
 
 
 @pytest.mark.parametrize(("incidence", "share"), [(10, 0.0), (17.5, 0.25), (20, 0.5), (26, 1.0)])
 def test_losses_rise_linearly_with_incidence(incidence, share):
-    half = math.radians(7.5)
-    slanted = wall(2.0, math.radians(incidence) + half)
-    losses = math.radians(15), math.radians(25)
+    slanted = wall(2.0, math.radians(incidence) + NARROW)
     draws = (np.arange(1000) + 0.5) / 1000
-    lost = [math.isinf(heard(half, losses, draw, slanted)) for draw in draws]
+    lost = [math.isinf(heard(draw, slanted)) for draw in draws]
     assert np.mean(lost) == pytest.approx(share, abs=0.002)
 
 
 def test_a_lost_echo_does_not_let_the_sound_through_the_wall():
     """Behind a slanted, silent wall stands another that would answer; it stays hidden."""
     walls = np.vstack([wall(1.0, math.radians(50)), wall(3.0)])
-    losses = math.radians(15), math.radians(25)
-    assert math.isinf(heard(math.radians(7.5), losses, 0.0, walls))
+    assert math.isinf(heard(0.0, walls))
 
 
 def test_noise_ghosts_blind_zone_and_reach():
@@ -125,8 +120,7 @@ def test_ages_run_through_one_cycle_and_never_beyond():
 
 def test_a_reading_is_taken_where_the_ranger_was_when_it_fired():
     """Driving at a wall, old readings are longer than fresh ones by the way since they fired."""
-    chair = exact_chair()
-    reading = chair.reset(box(8, (1.0, 0.0, 0.0)), 0)
+    chair = placed(exact_chair(), box(8, (1.0, 0.0, 0.0)))
     for _ in range(60):
         reading = chair.drive(np.array([0.8, 0.0]))
     truth = 8.0 - chair.truth.pose[0] - 0.70

@@ -22,6 +22,11 @@ STEP_ONCE = drive_train.physics_step.py_func
 MOVE_ON, BODY_VIEW = period.decide_actors, period.body_view
 
 
+def record(rows):
+    """A record array's only row, its fields as attributes, as kernels see it."""
+    return rows.view(np.recarray)[0]
+
+
 def made_of(row):
     """An actor's body and shape, made by the API."""
     length, width = row["size"].tolist()
@@ -135,7 +140,7 @@ class Oracle:
             for name in ("_drag_of_casters", "_turn_wheel", "_slide", "_drain_battery"):
                 patch.setattr(drive_train, name, getattr(drive_train, name).py_func)
             return STEP_ONCE(
-                Record(self.lent.chairs.states), Record(self.lent.chairs.parameters), k, 1, 0, 0
+                record(self.lent.chairs.states), record(self.lent.chairs.parameters), k, 1, 0, 0
             )
 
     def move_on(self, *records):
@@ -158,12 +163,10 @@ class Oracle:
             patch.setattr(period, "prepare_step", self.prepare)
             patch.setattr(period, "physics_step", self.step)
             patch.setattr(period, "move_the_others", lambda world, dt: read_actor_poses(world))
-            own = [
-                a.view(np.recarray)[0]
-                for a in (lent.chairs.states, lent.chairs.parameters, lent.chairs.world_rows)
-            ]
-            engine = lent.chairs.suite.record.view(np.recarray)[0]
-            period.drive_period.py_func(*own, engine, v, w, False, lent.chairs.suite.order, None)
+            period.drive_period.py_func(
+                *map(record, (lent.chairs.states, lent.chairs.parameters, lent.chairs.world_rows)),
+                record(lent.chairs.suite.record), v, w, False, lent.chairs.suite.order, None,
+            )  # fmt: skip
 
 
 # What says who is in the Space, in which the oracle has all.
@@ -224,17 +227,3 @@ def test_kernels_equal_the_plain_api(world, seed, monkeypatch):
     assert met or oracle.max_touched > 1
     assert 0.0 < np.mean(inside) < 0.5
     assert n or 0.0 < np.mean(free) < 1.0
-
-
-class Record:
-    """A record array's only row, its fields as attributes, as kernels see it."""
-
-    def __init__(self, rows):
-        object.__setattr__(self, "_row", rows[0])
-
-    def __getattr__(self, name):
-        value = self._row[name]
-        return Record([value]) if value.dtype.names else value
-
-    def __setattr__(self, name, value):
-        self._row[name] = value

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from tests.sensors.test_laser import brute_force, nearest_in_cone
-from tests.sim.worlds import box, busy, exact_chair, placed
+from tests.sim.worlds import box, busy, exact_chair, placed, wall_gaps
 from wheelchair_gym.actors import records
 from wheelchair_gym.actors.orca import HALF_PLANES, avoid_wall, best_velocity
 from wheelchair_gym.geometry.outline import footprint_clearance
-from wheelchair_gym.geometry.planar import point_segment_distance, to_world
+from wheelchair_gym.geometry.planar import to_world
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 from wheelchair_gym.sim.chair import SimulatedChair
@@ -41,11 +41,10 @@ def test_the_laser_sees_movers_where_they_are():
     """Against brute force in float64 over the shapes at their true poses, all kinds among them."""
     sensors = SensorSettings(noise=False, laser=LaserSettings(beams=181))
     laser = sensors.laser
-    angles = np.linspace(-laser.fov / 2, laser.fov / 2, laser.beams)
     seen = 0
     for seed in range(4):
-        chair, episode = SimulatedChair(sensors=sensors), busy(seed)
-        chair.reset(episode, seed)
+        episode = busy(seed)
+        chair = placed(SimulatedChair(sensors=sensors), episode, seed)
         for _ in range(25):
             reading = chair.drive(np.array([0.3, 0.4]))
             truth = chair.truth
@@ -55,7 +54,7 @@ def test_the_laser_sees_movers_where_they_are():
                 continue  # the sensor is inside a person whom the chair runs down
             walls = np.vstack([episode.walls, segments])
             others = np.vstack([episode.discs, discs])
-            own = x, y, truth.pose[2], angles
+            own = x, y, truth.pose[2], laser.angles
             expected, coin = brute_force(*own, walls, others, laser.reach)
             fixed, _ = brute_force(*own, episode.walls, episode.discs, laser.reach)
             told = np.where(np.isfinite(reading.laser), reading.laser, laser.reach)
@@ -71,9 +70,9 @@ def test_cones_hear_movers_where_they_were_when_fired():
     In a world where nothing presses a strip, which stops the chair for the rest of a period.
     """
     episode = busy(5)
-    at_once, late = (SimulatedChair(sensors=QUIET, period=period) for period in (0.06, 0.24))
-    at_once.reset(episode, 5)
-    late.reset(episode, 5)
+    at_once, late = (
+        placed(SimulatedChair(sensors=QUIET, period=period), episode, 5) for period in (0.06, 0.24)
+    )
     rangers = QUIET.ultrasonic
     models = [rangers.narrow if m.model == "narrow" else rangers.wide for m in rangers.mounted]
     twist, heard, near = np.array([0.25, 0.5]), 0, 0
@@ -118,9 +117,8 @@ def test_nobody_walks_through_a_wall_and_the_way_stays_open():
             chair.drive(STILL)
             track.append(actor_states(chair)["pose"][who, :2].copy())
             if len(track) % 5 == 0:
-                for (x, y), radius in zip(track[-1], rows["size"][who, 0], strict=True):
-                    gap = min(point_segment_distance(x, y, *wall) for wall in episode.walls)
-                    assert gap > radius - 0.02
+                gaps = wall_gaps(track[-1], episode.walls)
+                assert (gaps > rows["size"][who, 0] - 0.02).all()
         steps = np.array(track)  # (601, people, 2)
         assert np.hypot(*np.diff(steps, axis=0).T).max() < 0.3  # m in 0.1 s: none is hurled through
         for k, row in enumerate(who):
@@ -140,9 +138,8 @@ def test_a_person_who_ignores_the_chair_is_stopped_and_does_not_move_it():
     """From all sides at once, chair against the wall: it stays, and its strips are pressed."""
     sides = [(x, y) for x in (-3.0, 0.2, 3.0) for y in (-2.0, 0.0, 2.5) if abs(x) > 1 or abs(y) > 1]
     crowd = [records.person([side, (0.2, 0.0)], 1.8, avoids=records.NOBODY) for side in sides]
-    chair = exact_chair()
     start = (0.2, -2.66, 0.0)
-    chair.reset(box(3.0, start, actors=crowd), 0)
+    chair = placed(exact_chair(), box(3.0, start, actors=crowd))
     touched = set()
     for _ in range(300):
         reading = chair.drive(STILL)
@@ -295,9 +292,8 @@ def test_people_walk_round_a_chair_that_stands(blind):
 def test_a_door_opens_for_the_chair_and_never_closes_on_it():
     leaf = records.door((1.0, -0.5), math.pi / 2, 1.0, -1.0, swings=False, near=1.2)
     swing = records.door((-1.5, -0.5), math.pi / 2, 1.0, math.pi / 2, stay=2.0, every=6.0)
-    chair = exact_chair()
     episode = box(4.0, (-0.6, 0.0, 0.0), actors=[leaf, swing])
-    chair.reset(episode, 0)
+    chair = placed(exact_chair(), episode)
     shares = []
     for k in range(200):
         # Through the sliding door and back again, standing in it for a while.
@@ -339,9 +335,8 @@ def test_a_leaf_that_is_held_waits_at_a_distance():
 def test_a_leaf_closes_on_nobody_while_it_leaves_another():
     """Somebody stands close behind it, the chair before it: either holds it by itself."""
     leaf = records.door((0.0, 1.0), 0.0, 1.2, -math.pi / 2, stay=20.0, since=0.0)
-    chair = exact_chair()
     behind = records.person([(0.6, 1.28)])
-    chair.reset(box(start=(0.1, 0.35, 0.0), actors=[leaf, behind]), 0)
+    chair = placed(exact_chair(), box(start=(0.1, 0.35, 0.0), actors=[leaf, behind]))
     for _ in range(60):
         chair.drive(STILL)
         assert not chair.truth.contact

@@ -1,11 +1,12 @@
 """Simulated people: models of motion, behaviours, reactions, and the bounds that hold."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from tests.sim.worlds import box, exact_chair, placed
+from tests.sim.worlds import box, exact_chair, placed, wall_gaps
 from wheelchair_gym.actors.bodies import LEG_FORCE
 from wheelchair_gym.actors.records import (
     CURIOUS,
@@ -32,8 +33,9 @@ from wheelchair_gym.actors.records import (
     person,
     with_trolley,
 )
+from wheelchair_gym.actors.social_force import _turn
 from wheelchair_gym.base.settings import InputError
-from wheelchair_gym.geometry.planar import compose, point_segment_distance, to_frame
+from wheelchair_gym.geometry.planar import compose, to_frame
 from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.types import Episode
@@ -84,12 +86,7 @@ def test_a_heading_decays_with_the_two_published_rates():
     Somebody who is pushed against a wall wants to walk on: the driving force, and so q, is constant
     once they stand; then their goal is put elsewhere.
     """
-    from wheelchair_gym.actors.social_force import _turn
-
-    class Record:
-        heading, facing, turn_rate = 0.0, 1.0, 0.0
-
-    force, dt, state = 120.0, 1e-4, Record()
+    force, dt, state = 120.0, 1e-4, SimpleNamespace(heading=0.0, facing=1.0, turn_rate=0.0)
     q = math.sqrt(0.3 * force / 3.0)
     for k in range(1, 15_001):
         _turn.py_func(state, force, dt)
@@ -334,8 +331,7 @@ def test_bounds_hold_and_nobody_leaves_in_the_scene_of_all_people(model):
         rows = episode.actors.rows
         who = np.flatnonzero(rows["kind"] == PERSON)
         assert rows["speed"][who].max() <= FASTEST
-        chair, rng = exact_chair(), np.random.default_rng(seed)
-        chair.reset(episode, seed)
+        chair, rng = placed(exact_chair(), episode, seed), np.random.default_rng(seed)
         states = chair.chairs.pointers.array("actor_states")
         before, free = None, None
         for k in range(250):
@@ -353,11 +349,8 @@ def test_bounds_hold_and_nobody_leaves_in_the_scene_of_all_people(model):
                 assert gained.max(initial=0.0) < LEGS * 0.1 + 1e-6
             before, free = now, ~touching
             if k % 5 == 0:
-                for (x, y), radius in zip(
-                    states["pose"][: len(rows), :2][who], rows["size"][who, 0], strict=True
-                ):
-                    gap = min(point_segment_distance(x, y, *wall) for wall in episode.walls)
-                    assert gap > radius - 0.02
+                gaps = wall_gaps(states["pose"][who, :2], episode.walls)
+                assert (gaps > rows["size"][who, 0] - 0.02).all()
     assert fast <= 0.01 * steps
 
 

@@ -6,7 +6,7 @@ import hashlib
 import numpy as np
 import pytest
 
-from tests.sim.worlds import box, busy, cluttered, placed, step
+from tests.sim.worlds import box, busy, cluttered, exact_chair, placed, step
 from wheelchair_gym.base.settings import load
 from wheelchair_gym.geometry.kinematics import DriveGeometry
 from wheelchair_gym.safety import Shield
@@ -152,11 +152,8 @@ def test_a_scanner_that_is_mounted_wrong_sees_the_world_turned():
 
 @pytest.mark.parametrize("steps", [1, 10, 25])
 def test_a_command_takes_effect_so_much_later(steps):
-    late = SimulatedChair(ChairSettings(command_delay=0.01 * steps))
-    prompt = SimulatedChair()
-    for chair in (late, prompt):
-        chair.reset(box(), 3)
-    found = [[], []]
+    late = placed(SimulatedChair(ChairSettings(command_delay=0.01 * steps)), box(), 3)
+    prompt, found = placed(SimulatedChair(), box(), 3), [[], []]
     for k in range(12):
         twist = AHEAD if k < 6 else -0.4 * AHEAD
         for chair, trace in zip((late, prompt), found, strict=True):
@@ -257,8 +254,7 @@ def test_a_board_may_believe_in_another_motor():
     speeds = []
     for gain, feed in ((1.0, None), (1.0, 1.85), (0.5, None)):
         motor = MotorSettings(gain=gain, feed_constant=feed, ki=0.0)
-        chair = SimulatedChair(ChairSettings(motor=motor), SensorSettings(noise=False))
-        chair.reset(box(50.0), 0)
+        chair = placed(exact_chair(motor=motor), box(50.0))
         for _ in range(30):
             chair.drive(np.array([0.5, 0.0]))
         speeds.append(chair.truth.twist[0])

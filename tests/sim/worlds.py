@@ -5,8 +5,10 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
+import shapely
 
 from wheelchair_gym.actors import records
+from wheelchair_gym.geometry.planar import polygon_edges, to_world
 from wheelchair_gym.safety import Shield
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sim.chair import SimulatedChair
@@ -26,6 +28,12 @@ def box(
     return Episode(None, np.array(start), nowhere, walls, discs, actors=records.combine(actors))  # type: ignore[arg-type]
 
 
+def wall_gaps(points: Any, walls: Any) -> Any:
+    """Distances (n,) [m] from points (n, 2) to the nearest of walls (m, 4)."""
+    sides = shapely.multilinestrings(np.reshape(walls, (-1, 2, 2)))
+    return shapely.distance(shapely.points(points), sides)
+
+
 def step(chair: SimulatedChair, shield: Shield, twist: Any, reading: Reading) -> Reading:
     """Drive for a period what the shield lets through of a twist; the next reading."""
     given = shield.filter(np.asarray(twist, float), reading)
@@ -42,9 +50,7 @@ def cluttered(seed: int, start: tuple[float, float, float] = (0.0, 0.0, 0.0)) ->
             continue
         t, a, b = rng.uniform(0, np.pi), *rng.uniform(0.1, 0.5, 2)
         corners = np.array([(-a, -b), (a, -b), (a, b), (-a, b)])
-        turn = np.array([(np.cos(t), np.sin(t)), (-np.sin(t), np.cos(t))])
-        points = corners @ turn + (x, y)
-        walls.append(np.hstack([points, np.roll(points, -1, axis=0)]))
+        walls.append(polygon_edges(to_world(corners, (x, y, t))))
     angles = rng.uniform(-np.pi, np.pi, 5)
     radii = rng.uniform(0.05, 0.3, 5)
     discs = np.column_stack([3 * np.cos(angles), 3 * np.sin(angles), radii])
