@@ -88,9 +88,6 @@ def put(path: Path, content: Any) -> Path:
     return path
 
 
-json_file = put
-
-
 def modules() -> Iterator[tuple[str, Path]]:
     """Yield the dotted name and the file of each module of the project."""
     for package in PACKAGES:

@@ -95,7 +95,7 @@ MAKERS = {
     "protocol": lambda value, _: load(Protocol, PROTOCOL | value, "protocol.json"),
     "training": lambda value, _: read_training(value, "x.json", "ppo"),
     "image": lambda value, folder: read_floor_plan_image(put_bytes(folder / "a.pgm", value), 0.1),
-    "map": lambda value, folder: maps.read_map(test_files.put(folder, **value)),
+    "map": lambda value, folder: maps.read_map(test_files.put_map(folder, **value)),
     "octile": lambda value, folder: maps.read_moving_ai_map(
         put(folder / "bad.map", replaced(test_importers.OCTILE, value))
     ),

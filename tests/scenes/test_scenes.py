@@ -7,7 +7,7 @@ import pytest
 import shapely
 from PIL import Image
 
-from tests.conftest import json_file
+from tests.conftest import put
 from tests.copies import COPIERS, differences
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.compiled.random import numpy_integer, numpy_stream, numpy_uniform
@@ -28,7 +28,7 @@ WORLDS = [
 
 @pytest.fixture(scope="session")
 def worlds(tmp_path_factory):
-    return json_file(tmp_path_factory.mktemp("barn") / "worlds.json", WORLDS)
+    return put(tmp_path_factory.mktemp("barn") / "worlds.json", WORLDS)
 
 
 @pytest.fixture(params=[*sorted(SCENES), "barn of a file"])

@@ -12,7 +12,7 @@ from agents import cli
 from agents.benchmarks.environments import irsim_world, wall_loops
 from agents.learning.run import PARTS
 from tests.agents.learning.tiny_runs import tiny
-from tests.conftest import json_file, json_of, output_of, refusal
+from tests.conftest import json_of, output_of, put, refusal
 from wheelchair_gym.base.settings import dump
 from wheelchair_gym.envs import EnvSettings
 from wheelchair_gym.scenes import make_scene
@@ -58,7 +58,7 @@ def test_the_peer_drives_between_the_same_walls():
 
 @pytest.mark.parametrize("algorithm", ["ppo", "td3"])
 def test_every_part_of_a_training_run_is_measured(algorithm, tmp_path, capsys):
-    config = json_file(tmp_path / "run.json", dump(tiny(algorithm)))
+    config = put(tmp_path / "run.json", dump(tiny(algorithm)))
     command = ["bench", "train", algorithm, "--config", str(config), "--frames", "96"]
     said = output_of([*command, "--set", "device=cpu", "--json", tmp_path / "found.json"], capsys)
     found = json.loads((tmp_path / "found.json").read_text())

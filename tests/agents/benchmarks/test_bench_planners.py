@@ -15,7 +15,7 @@ from agents.benchmarks.planner_benchmark import COLD, FREE, ranking, summarise
 from agents.evaluation.metrics import path_figures, printed_turning, turning
 from agents.studies import experiments
 from planners import PLANNERS, Plan, Problem, Space, Status, make_planner
-from tests.conftest import json_file
+from tests.conftest import put
 from tests.copies import differences
 from wheelchair_gym.base.settings import dump
 
@@ -47,7 +47,7 @@ class Clumsy:
 
 @pytest.fixture
 def problems(tmp_path):
-    return json_file(tmp_path / "problems.json", [HALL | {"optimum": 3.23606797}, OPEN])
+    return put(tmp_path / "problems.json", [HALL | {"optimum": 3.23606797}, OPEN])
 
 
 @pytest.fixture
@@ -141,7 +141,7 @@ def test_a_first_path_is_that_of_a_run_that_ends_with_it(problems):
 
 
 def test_equal_problems_of_two_names_are_two_problems(ghost, tmp_path):
-    twins = json_file(tmp_path / "twins.json", [OPEN, OPEN | {"name": "twin"}])
+    twins = put(tmp_path / "twins.json", [OPEN, OPEN | {"name": "twin"}])
     bench("--problems", twins, out=tmp_path)
     result = json.loads((tmp_path / "planners.json").read_text())
     numbers = {(row["planner"], row["problem"]): row["runs"] for row in result["rows"]}

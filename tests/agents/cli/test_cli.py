@@ -21,7 +21,7 @@ from agents.control import FOLLOWERS
 from agents.evaluation.compare import SUITES
 from agents.evaluation.provenance import command_line
 from planners import PLANNERS, Plan, Status, make_planner
-from tests.conftest import ROOT, json_file, json_of, output_of, python, refusal, run
+from tests.conftest import ROOT, json_of, output_of, put, python, refusal, run
 from tests.hardware.realtime import EPISODE, X, Y
 from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, write_map
@@ -210,7 +210,7 @@ def test_the_version_and_completion_scripts_are_printed(capsys):
 
 
 def test_an_episode_is_driven_and_drawn(capsys, tmp_path):
-    config = json_file(tmp_path / "short.json", {"task": {"time_base": 1.0, "time_factor": 0.0}})
+    config = put(tmp_path / "short.json", {"task": {"time_base": 1.0, "time_factor": 0.0}})
     picture = tmp_path / "end.png"
     arguments = ["simulate", "--policy", "straight", "--config", config, "--picture", picture]
     assert json_of(arguments, capsys)["outcome"] == "timeout"  # it was driven
@@ -220,7 +220,7 @@ def test_an_episode_is_driven_and_drawn(capsys, tmp_path):
 
 
 def test_a_comparison_leaves_everything_in_its_folder(capsys, tmp_path):
-    config = json_file(tmp_path / "short.json", {"task": {"time_base": 1.0, "time_factor": 0.0}})
+    config = put(tmp_path / "short.json", {"task": {"time_base": 1.0, "time_factor": 0.0}})
     out = tmp_path / "out"
     arguments = [
         "compare", "--policies", "random,straight", "--scenes", "floor_plan", "--episodes", "1",
@@ -266,7 +266,7 @@ def test_results_name_the_command_as_a_person_types_it(monkeypatch):
 
 def test_settings_come_from_a_file_and_from_changes(tmp_path):
     """A tree that ends with the first path in its planner still does when its step is changed."""
-    file = json_file(tmp_path / "mine.json", {"rrt_star_woa_local": {"tree": {"step": 2.0}}})
+    file = put(tmp_path / "mine.json", {"rrt_star_woa_local": {"tree": {"step": 2.0}}})
     given = spec(f"{file}:rrt_star_woa_local")
     planner = make_planner(changed(given, ["tree.iterations=30000", "whales.population=7"]))
     default = make_planner("rrt_star_woa_local")
@@ -277,7 +277,7 @@ def test_settings_come_from_a_file_and_from_changes(tmp_path):
 
 def test_a_file_names_its_settings_as_it_likes(tmp_path):
     own = {"quick": {"name": "rrt_star", "step": 2.0}, "rrt": {"step": 1.0}}
-    file = json_file(tmp_path / "mine.json", own)
+    file = put(tmp_path / "mine.json", own)
     assert make_planner(spec(f"{file}:quick")) == make_planner({"name": "rrt_star", "step": 2.0})
     assert make_planner(spec(f"{file}:rrt")) == make_planner({"name": "rrt", "step": 1.0})
 

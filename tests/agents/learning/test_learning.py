@@ -27,7 +27,7 @@ from agents.learning.sb3 import SaveModel
 from agents.learning.settings import RECIPES, Imitation
 from agents.learning.weights import Layout, Network, load_weights
 from tests.agents.learning.tiny_runs import ENV, ON, PRIVY, tiny
-from tests.conftest import ROOT, json_file
+from tests.conftest import ROOT, put
 from wheelchair_gym.base.settings import InputError, dump
 from wheelchair_gym.envs import NavigationVectorEnv
 from wheelchair_gym.envs.settings import env_settings
@@ -349,7 +349,7 @@ def test_runs_beside_each_other_are_of_a_module_that_runs(tmp_path, monkeypatch,
 
 
 def test_runs_that_differ_in_a_setting_are_told_side_by_side(tmp_path, capsys):
-    own = json_file(tmp_path / "own.json", dump(tiny("ppo")))
+    own = put(tmp_path / "own.json", dump(tiny("ppo")))
     varied = ["train", "ppo", "--config", str(own), "--vary", "env.bank.size=1,2", "--quiet"]
     assert main([*varied, "--seeds", "0,1", "--out", str(tmp_path / "out")]) == 0
     said = capsys.readouterr()

@@ -14,7 +14,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack, VecNorm
 from agents.cli import main
 from agents.learning.sb3 import SaveModel, SB3VecEnv, save_model
 from agents.policies import GymPolicy, make_policy
-from tests.conftest import json_file
+from tests.conftest import put
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
 
@@ -77,7 +77,7 @@ def test_what_was_trained_otherwise_is_refused_in_one_line(tmp_path, capsys, mon
         make_policy(bare)
     with pytest.raises(InputError, match=r"trained_in .*; expected the settings of its training"):
         make_policy({"name": bare, "trained_in": {}})
-    settings = json_file(tmp_path / "env.json", {"rate": 5.0, "guidance": "geodesic"})
+    settings = put(tmp_path / "env.json", {"rate": 5.0, "guidance": "geodesic"})
     compared = ["compare", "--scenes", "clutter", "--episodes", "1", "--no-video", "--quiet"]
     compared += ["--out", str(tmp_path / "out"), "--trained-in", str(settings), "--policies"]
     assert main([*compared, "straight"]) == 2
