@@ -29,6 +29,7 @@ from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.people.assistance import make_compiled
 from wheelchair_gym.people.assistance.step import Assistants
 from wheelchair_gym.sensors.settings import SensorSettings
+from wheelchair_gym.task import task as tasks
 from wheelchair_gym.task.prepared_episode import PreparedEpisode
 from wheelchair_gym.task.task import Task
 from wheelchair_gym.types import Command, Episode, Mission, Reading, Shown, Stick
@@ -160,7 +161,7 @@ class Trained:
         self._steps = 0
         return self._hold * period
 
-    def observe_by(self, task: Task) -> None:
+    def observe_by(self, task: tasks.Task) -> None:
         """Set the task that makes the observations.
 
         Raises:
@@ -225,7 +226,7 @@ class LearnedDriver(Trained):
             ways = dump(spec.get("ways", {})) if isinstance(spec, Mapping) else {}
             spec = {"call": "poses", "ways": ways, "max_detour": slack}
         guidance = make_guidance(spec) if shown else None
-        self.observe_by(Task(task, mission.chair, mission.sensors, period, guidance))
+        self.observe_by(tasks.Task(task, mission.chair, mission.sensors, period, guidance))
         self._updated = 0.0
         self._grows = mission.map is None and guidance is not None
         first = mission.reading
