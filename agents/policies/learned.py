@@ -31,7 +31,6 @@ from wheelchair_gym.people.assistance.step import Assistants
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.task import task as tasks
 from wheelchair_gym.task.prepared_episode import PreparedEpisode
-from wheelchair_gym.task.task import Task
 from wheelchair_gym.types import Command, Episode, Mission, Reading, Shown, Stick
 
 UPDATE_PERIOD = 1.0  # s between two updates from a map that grows
@@ -319,7 +318,9 @@ class LearnedAssistant(Trained):
         )
         self._base.begin()
         settings = dataclasses.replace(self.env.task, privileged=False, aim="goal")
-        self.observe_by(Task(settings, mission.chair, mission.sensors, period, has_driver=True))
+        self.observe_by(
+            tasks.Task(settings, mission.chair, mission.sensors, period, has_driver=True)
+        )
         self._began = False
 
     def assist(self, stick: Stick, reading: Reading, map: OccupancyGrid | None) -> Array:
