@@ -317,10 +317,8 @@ class LearnedAssistant(Trained):
             make_compiled(self.env.assistant), mission.chair, mission.sensors, mission.period
         )
         self._base.begin()
-        settings = dataclasses.replace(self.env.task, privileged=False, aim="goal")
-        self.observe_by(
-            tasks.Task(settings, mission.chair, mission.sensors, period, has_driver=True)
-        )
+        task = dataclasses.replace(self.env.task, privileged=False, aim="goal")
+        self.observe_by(tasks.Task(task, mission.chair, mission.sensors, period, has_driver=True))
         self._began = False
 
     def assist(self, stick: Stick, reading: Reading, map: OccupancyGrid | None) -> Array:
