@@ -205,9 +205,6 @@ HIDDEN = {
 }
 
 
-# ---- maps
-
-
 def _use_map(path: Path) -> None:
     """A map as `plan` and an environment take it."""
     if path.suffix == ".yaml":
@@ -277,9 +274,6 @@ def _sb3_model(folder: Path) -> Path:
         record = {"env": {"rate": 5.0}, "flat": False, "wrappers": ["VecNormalize"]}
         file.writestr("wheelchair.json", json.dumps(record | {"normalization": scale}))
     return path
-
-
-# ---- worlds, problems, settings
 
 
 BARN = [
@@ -361,9 +355,6 @@ def _chain(folder: Path) -> Path:
     return chain.path
 
 
-# ---- results
-
-
 RECORD = {"key": "abc", "planner": "rrt", "seed": 0, "curve": [[0.1, 3.0]]}
 COMPARISON = {
     "command": "wheelchair compare --policies mine.npz --out x", "title": "homes",
@@ -410,9 +401,6 @@ def _use_store(path: Path) -> None:
     with contextlib.redirect_stderr(io.StringIO()):
         found = compute(JOBS, _work, path, progress=False)
     assert found == {key: _work(job) for key, job in JOBS.items()}
-
-
-# ---- logs and recordings
 
 
 def _log(folder: Path) -> Path:
@@ -499,9 +487,6 @@ def _sqlite_bag(folder: Path) -> Path:
                 topics[one.topic] = bag.add_connection(one.topic, one.type, typestore=typestore())
             bag.write(topics[one.topic], one.time, one.data)
     return path / "old.db3"
-
-
-# ---- what was learned
 
 
 def _weights(folder: Path) -> Path:

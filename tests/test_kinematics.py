@@ -1,11 +1,14 @@
-"""Laws of angles and of actions."""
+"""Laws of angles, frames, distances and actions."""
 
+import cmath
 import math
 
 import numpy as np
 import pytest
+import shapely
 
 from wheelchair_gym.base.settings import InputError
+from wheelchair_gym.geometry import planar
 from wheelchair_gym.geometry.kinematics import numbers_of
 from wheelchair_gym.geometry.planar import wrap, wrap_angle
 
@@ -17,6 +20,18 @@ def test_angles_are_brought_below_pi():
         assert ((wrapped >= -math.pi) & (wrapped < math.pi)).all()
         turns = (angles - wrapped) / math.tau
         assert turns == pytest.approx(np.rint(turns), abs=1e-6)
+
+
+def test_frames_and_distances_are_those_of_complex_numbers_and_of_shapely():
+    for pose, *corners in np.random.default_rng(0).uniform(-5.0, 5.0, (50, 4, 3)):
+        a, b, _ = triangle = np.array(corners)[:, :2]
+        there = complex(*pose[:2]) + complex(*a) * cmath.exp(1j * pose[2])
+        assert complex(*planar.to_world(a, pose)) == pytest.approx(there)
+        assert planar.to_frame([there.real, there.imag], pose) == pytest.approx(a)
+        gap = shapely.LineString([a, b]).distance(shapely.Point(pose[:2]))
+        assert planar.point_segment_distance(*pose[:2], *a, *b) == pytest.approx(gap)
+        edges = np.hstack([triangle, triangle[[1, 2, 0]]])
+        assert planar.polygon_edges(triangle).tolist() == edges.tolist()
 
 
 @pytest.mark.parametrize(

@@ -338,7 +338,7 @@ def coordinate_lists(value: Any, count: int, where: str) -> list[list[float]]:
     return [coordinates(item, (count,), f"{where}[{k}]") for k, item in enumerate(value)]
 
 
-os.umask(_UMASK := os.umask(0))  # there is no way to read it alone
+os.umask(_UMASK := os.umask(0o077))  # there is no way to read it alone
 
 
 @contextmanager

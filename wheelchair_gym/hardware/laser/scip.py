@@ -6,6 +6,7 @@ Specification for SCIP 2.0 Standard').
 """
 
 import math
+import re
 from typing import NamedTuple
 
 import numpy as np
@@ -162,11 +163,10 @@ def metres(millimetres: NDArray[np.integer], farthest: float) -> Floats:
 
 
 def scan_steps(request: str) -> tuple[int, int] | None:
-    """First and last step of a request for scans of all beams; None: it is none."""
-    fields = request[2:]
-    if request[:2] != "MD" or not fields.isdecimal() or fields[8:] != "01000":
-        return None
-    return int(fields[:4]), int(fields[4:8])
+    """First and last step of a request for scans of all beams without end; None: it is none."""
+    # Clusters of 01 beam, 0 scans left out, and 00 scans: no end.
+    found = re.fullmatch(r"MD(?P<first>[0-9]{4})(?P<last>[0-9]{4})01000", request)
+    return None if found is None else (int(found["first"]), int(found["last"]))
 
 
 def encode_scan(
