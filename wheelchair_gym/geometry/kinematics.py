@@ -275,7 +275,7 @@ def approach_twist(
 @kernel
 def clip_to_limits(v: float, w: float, limits: Any) -> tuple[float, float]:
     """A twist [m/s, rad/s] clipped to a record of LIMITS; zero if it is not finite."""
-    if not math.isfinite(v + w):
+    if not (math.isfinite(v) and math.isfinite(w)):
         return 0.0, 0.0
     v = min(limits.forward, max(-limits.backward, v))
     return v, min(limits.turn, max(-limits.turn, w))

@@ -68,10 +68,10 @@ class FloorLayout(NamedTuple):
 
 
 @kernel
-def _split(source: NumpyStream, length: int, parts: int, minimum: int, least: int) -> Index:
+def _split(source: NumpyStream, length: int, parts: int, minimum: int, with_door: int) -> Index:
     """Whole numbers that sum to length, uneven by up to a quarter, none below minimum if possible.
 
-    Where one would be below `least`, all are even.
+    Where one would be below `with_door`, all are even.
     """
     share, total = np.empty(parts), 0.0
     for k in range(parts):
@@ -85,7 +85,7 @@ def _split(source: NumpyStream, length: int, parts: int, minimum: int, least: in
         if sizes[k] > sizes[longest]:
             longest = k
     sizes[longest] += rest
-    if sizes[longest] < least:
+    if sizes[longest] < with_door:
         for k in range(parts):
             sizes[k] = (k + 1) * length // parts - k * length // parts
     return sizes
@@ -152,7 +152,7 @@ def generate_layout(
         deep = cell_count(numpy_uniform(source, low, high))
         n = put(rooms, n, left, outer, left + deep, h - outer)
         left += deep + INNER
-    least = cell_count(door_width[1]) + 2 * JAMB  # a room that holds a door
+    with_door = cell_count(door_width[1]) + 2 * JAMB  # a room that holds a door
     widest = cell_count(corridor_width[1])
     need = 2 * widest + 3 * _ROOM_MIN + 2 * OUTER + 4 * INNER
     count = 1 if home or h < max(_SECOND_CORRIDOR, need) else 2  # of corridors along the building
@@ -161,7 +161,7 @@ def generate_layout(
     for k in range(count):
         widths[k] = cell_count(numpy_uniform(source, corridor_width[0], corridor_width[1]))
         depth -= widths[k]
-    row_depths = _split(source, depth, count + 1, _ROOM_MIN, least)
+    row_depths = _split(source, depth, count + 1, _ROOM_MIN, with_door)
     y = y0 = outer
     for k in range(count):
         y += row_depths[k] + INNER
@@ -179,10 +179,10 @@ def generate_layout(
         y1 = y0 + row_depths[k]
         end = end_1 if k == 1 else right
         apart = cell_count(numpy_uniform(source, 3.0, 4.8))
-        parts = min(int(np.rint((end - left) / apart)), (end - left + INNER) // (least + INNER))
+        parts = min(int(np.rint((end - left) / apart)), (end - left + INNER) // (with_door + INNER))
         parts = max(1, parts)
         x = left
-        sizes = _split(source, end - left - (parts - 1) * INNER, parts, _ROOM_MIN, least)
+        sizes = _split(source, end - left - (parts - 1) * INNER, parts, _ROOM_MIN, with_door)
         for number in range(parts):
             size = sizes[number]
             n = put(rooms, n, x, y0, x + size, y1)
