@@ -363,8 +363,13 @@ def test_a_frozen_client_holds_nobody_up():
             assert until(lambda n=n: server.publish("/t", text) or counts["/t"] > n)
 
 
-@pytest.mark.skipif(shutil.which("openssl") is None, reason="makes the certificate")
-def test_tls_and_token_between_our_two_ends(tmp_path):
+@pytest.fixture(params=["plain", "tls"])
+def ends(request, tmp_path):
+    """The arguments of a server, and the settings of its clients, which wait on a busy machine."""
+    if request.param == "plain":
+        return {}, {"connect_timeout": PATIENCE}
+    if shutil.which("openssl") is None:
+        pytest.skip("openssl makes the certificate")
     pem, token = tmp_path / "chair.pem", tmp_path / "token"
     subprocess.run(
         ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj",
@@ -374,20 +379,40 @@ def test_tls_and_token_between_our_two_ends(tmp_path):
     )  # fmt: skip
     pem.write_bytes((tmp_path / "key").read_bytes() + (tmp_path / "certificate").read_bytes())
     token.write_text("abc\n")
+    given = {"tls": True, "ca_file": str(tmp_path / "certificate"), "token_file": str(token)}
+    return {"token": "abc", "certificate": pem}, given | {"connect_timeout": PATIENCE}
+
+
+def test_our_two_ends_hear_each_other(ends):
+    """Also where tickets for later TLS sessions arrive while the client sends its request."""
     heard = []
-    hear = lambda *m: heard.append(m) or ""  # noqa: E731
-    made = RosbridgeServer("127.0.0.1", 0, hear, token="abc", certificate=pem)
-    with closing(made) as server:
+    with closing(RosbridgeServer("127.0.0.1", 0, lambda *m: heard.append(m) or "", **ends[0])) as s:
+        s.listens["/t"] = ("std_msgs/String",)
+        if ends[0]:
+            s._server.socket.context.num_tickets = 10
+            for wrong in ({"ca_file": ""}, {"token_file": ""}):
+                with pytest.raises(InputError, match="no rosbridge answers there"):
+                    Rosbridge("127.0.0.1", s.port, print, RosbridgeSettings(**{**ends[1], **wrong}))
+        for k in range(40):
+            with closing(
+                Rosbridge("127.0.0.1", s.port, print, RosbridgeSettings(**ends[1]))
+            ) as link:
+                link.publish("/t", {"data": k})
+                assert until(lambda k=k: len(heard) > k)
+    assert [message["data"] for _, message, _ in heard] == [*range(40)]
+
+
+def test_a_server_that_takes_no_data_holds_nobody_up(ends):
+    held = threading.Event()
+    server = RosbridgeServer("127.0.0.1", 0, lambda *_: str(held.wait(PATIENCE)), **ends[0])
+    with closing(server), ExitStack() as stack:
+        stack.callback(held.set)
         server.listens["/t"] = ("std_msgs/String",)
-        given = {"tls": True, "ca_file": str(tmp_path / "certificate"), "token_file": str(token)}
-        link = Rosbridge("127.0.0.1", server.port, lambda *_: None, RosbridgeSettings(**given))
-        link.publish("/t", {"data": "x"})
-        assert until(lambda: heard)
+        link = Rosbridge("127.0.0.1", server.port, print, RosbridgeSettings(**ends[1]))
+        while not link.lost:
+            link.publish("/t", {"data": "x" * 900_000})
         link.close()
-        for wrong in ({"ca_file": ""}, {"token_file": ""}):
-            with pytest.raises(InputError, match="no rosbridge answers there"):
-                Rosbridge("127.0.0.1", server.port, lambda *_: None,
-                          RosbridgeSettings(**{**given, **wrong}))  # fmt: skip
+        assert not held.is_set()
 
 
 def test_it_is_a_client_of_another_rosbridge_until_that_is_lost(capsys):

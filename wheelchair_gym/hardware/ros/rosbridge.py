@@ -19,7 +19,6 @@ import json
 import logging
 import socket
 import ssl
-import struct
 import threading
 import time
 from collections import deque
@@ -35,6 +34,7 @@ from wheelchair_gym.base.errors import load_extra, shorten
 from wheelchair_gym.base.files import read_text
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.hardware.ros.settings import RosbridgeSettings
+from wheelchair_gym.hardware.ros.sockets import TurnsSocket, limit_sending
 
 _LOG = logging.getLogger(__name__)
 _PING = 1.0  # s between two pings; the connection is closed when an answer takes as long
@@ -80,6 +80,7 @@ def _security(
     if link.tls:
         try:
             context = ssl.create_default_context(cafile=link.ca_file or None)
+            context.sslsocket_class = TurnsSocket
         except (OSError, ssl.SSLError) as error:
             why = error.strerror or error
             raise InputError(f"ca_file {link.ca_file}: expected certificates ({why})") from None
@@ -132,6 +133,7 @@ class Rosbridge:
         self._on_message, self._stack = on_message, ExitStack()
         try:
             plug = socket.create_connection((host, port), link.connect_timeout)
+            limit_sending(plug)
             self._socket = self._stack.enter_context(
                 connect(
                     f"{'wss' if context else 'ws'}://{name}:{port}", sock=plug, ssl=context,
@@ -238,7 +240,6 @@ class Rosbridge:
 _MAX_MESSAGES = 1000  # a second from one client: more is an error of the client, which is cut off
 _MAX_BYTES = 1 << 20  # of a client's message
 _CLIENT_PING = 2.0  # s between two pings; a client that does not answer for as long is cut off
-_PATIENCE = 1  # s for which a client may take no data before it is cut off
 _TOO_NEAR = -1.0  # m, for -inf
 _DEFAULT_QUEUE = 10  # messages of a topic that wait for a client that does not say how many may
 
@@ -350,6 +351,7 @@ class RosbridgeServer:
         context = None
         if certificate is not None:
             context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+            context.sslsocket_class = TurnsSocket
             try:
                 context.load_cert_chain(certificate)
             except (OSError, ssl.SSLError) as error:
@@ -361,7 +363,7 @@ class RosbridgeServer:
             self._server = serve(
                 self._serve, host, port, compression=None, max_size=_MAX_BYTES, ssl=context,
                 process_request=self._admit, ping_interval=_CLIENT_PING, ping_timeout=_CLIENT_PING,
-                close_timeout=_PATIENCE,
+                close_timeout=_PING,
                 logger=logging.getLogger(f"{__name__}.websockets"),
             )  # fmt: skip
         except (OSError, OverflowError) as error:
@@ -424,9 +426,7 @@ class RosbridgeServer:
         return None
 
     def _serve(self, connection: Any) -> None:
-        # A frozen client would block every sender for ever.
-        timeout = struct.pack("ll", _PATIENCE, 0)
-        connection.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, timeout)
+        limit_sending(connection.socket)
         client = _Client(connection)
         with self._lock:
             self._clients = [*self._clients, client]
