@@ -89,16 +89,14 @@ class Link(Reconnecting[Port]):
         # The zero byte ends what noise may have put on the line.
         data = b"\0" + encode(message, self._sequence)
         port = self.get(self._clock())
-        written: int | None = 0
+        written = 0
         try:
             if port is not None:
-                written, self.error = port.write(data), ""
+                written = port.write(data)
+                self.error = "" if written == len(data) else f"{self.url}: it takes no data"
         except OSError as error:  # pyserial's errors are OSErrors
-            if "timeout" in type(error).__name__.lower():  # no room: only this frame is lost
-                self.error = f"{self.url}: it takes no data"
-            else:
-                self.lose(explain(self.url, error))
-        if written is not None and written < len(data):  # the board drops what it got of a frame
+            self.lose(explain(self.url, error))
+        if written < len(data):  # the board drops what it got of a frame
             self.statistics.unsent += 1
             return None
         self.statistics.sent += 1

@@ -4,6 +4,7 @@ import contextlib
 import errno
 import os
 import stat
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -28,15 +29,31 @@ class Port(Protocol):
     def read_all(self) -> bytes:
         """All bytes that have come, without waiting."""
 
-    def write(self, data: bytes) -> int | None:
-        """Send bytes."""
+    def write(self, data: bytes) -> int:
+        """Send bytes; returns how many the port took."""
 
     def close(self) -> None:
         """Close the port."""
 
 
+class _SerialPort:
+    """A port of pyserial, with a way of writing that returns how many bytes were taken."""
+
+    def __init__(
+        self, port: Any, write: Callable[[bytes], int], full: tuple[type[Exception], ...]
+    ) -> None:
+        self.read_all, self.close = port.read_all, port.close
+        self._write, self._full = write, full
+
+    def write(self, data: bytes) -> int:
+        try:
+            return self._write(data)
+        except self._full:
+            return 0
+
+
 def open_port(url: str) -> Port:
-    """Open a device, or any URL that pyserial knows; reading never waits, writing 1 ms at most.
+    """Open a device, or any URL that pyserial knows; neither reading nor writing a device waits.
 
     A device is locked against other programs. The first opening after it was plugged in resets an
     Arduino; later ones do not, since DTR keeps its level.
@@ -46,19 +63,21 @@ def open_port(url: str) -> Port:
         InputError: pyserial is not installed.
     """
     serial = load_extra("serial")
-    # With a timeout of 0, pyserial 3.5 tries for ever to write to a port that takes no data.
     port: Any = serial.serial_for_url(
-        url, baudrate=BAUD, timeout=0, write_timeout=1e-3, exclusive=True, do_not_open=True
+        url, baudrate=BAUD, timeout=0, write_timeout=0.1, exclusive=True, do_not_open=True
     )
     try:
         port.open()
     except OSError as error:
         raise explain(url, error) from None
+    write: Callable[[bytes], int] = port.write
     number: int | None = getattr(port, "fd", None)
     if number is not None and is_device(url):
         _claim(number, url)
-    opened: Port = port
-    return opened
+        # pyserial 3.5 tries for ever to write to a full port with a timeout of 0. With any other it
+        # says of sent bytes, too, that time is up, when the computer was busy meanwhile.
+        write = lambda data: os.write(port.fileno(), data)  # noqa: E731
+    return _SerialPort(port, write, (BlockingIOError, serial.SerialTimeoutException))
 
 
 def is_device(url: str) -> bool:
