@@ -19,7 +19,7 @@ import numpy as np
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.geometry.outline import Footprint
-from wheelchair_gym.scenes.arena import FOOTPRINT, Arena, make_arena, poses_along, read_table
+from wheelchair_gym.scenes.arena import FOOTPRINT, make_arena, poses_along, read_table
 from wheelchair_gym.scenes.raster import rotated_rectangle
 from wheelchair_gym.types import Episode
 
@@ -125,12 +125,13 @@ START: Final = (1.5, 1.5)
 GOAL: Final = (28.5, 18.5)
 _CLUTTER_SEED = 5  # of map 5
 _WALL = 0.3  # m: thickness of walls drawn by hand
+_GAP = 1.2  # m: width of the narrow passages, enough for the chair
 
 
-def _barrier(x: float, gap_at: float, gap: float) -> list[Box]:
+def _barrier(x: float, gap_at: float) -> list[Box]:
     """A wall across the map at x with one gap centred at a height."""
     right = x + _WALL
-    return [(x, 0.0, right, gap_at - gap / 2), (x, gap_at + gap / 2, right, HEIGHT)]
+    return [(x, 0.0, right, gap_at - _GAP / 2), (x, gap_at + _GAP / 2, right, HEIGHT)]
 
 
 def _pocket(x: float, low: float, high: float, deep: float) -> list[Box]:
@@ -142,7 +143,7 @@ def _pocket(x: float, low: float, high: float, deep: float) -> list[Box]:
     ]
 
 
-def _clutter(gap: float) -> tuple[list[Disc], list[Array]]:
+def _clutter() -> tuple[list[Disc], list[Array]]:
     """Discs and rotated rectangles at random, apart from each other and from the barriers."""
     rng = np.random.default_rng(_CLUTTER_SEED)
     taken = [(*START, 1.2), (*GOAL, 1.2), (10.15, 12.5, 1.3), (20.15, 6.0, 1.3)]  # x, y, keep-out
@@ -155,8 +156,8 @@ def _clutter(gap: float) -> tuple[list[Disc], list[Array]]:
         x, y = rng.uniform(reach, WIDTH - reach), rng.uniform(reach, HEIGHT - reach)
         across = min(abs(x - 10.15), abs(x - 20.15)) - _WALL / 2  # to the barriers
         edge = min(x, WIDTH - x, y, HEIGHT - y)
-        clear = all(math.dist((x, y), t[:2]) >= t[2] + reach + gap for t in taken)
-        if not clear or min(across, edge) < reach + gap:
+        clear = all(math.dist((x, y), t[:2]) >= t[2] + reach + _GAP for t in taken)
+        if not clear or min(across, edge) < reach + _GAP:
             continue
         taken.append((x, y, reach))
         if disc:
@@ -166,28 +167,9 @@ def _clutter(gap: float) -> tuple[list[Disc], list[Array]]:
     return discs, rotated
 
 
-def _thesis_map(number: int, gap: float, scale: float) -> Arena:
-    """The ground of one of the five maps of the thesis on RRT*-WOA, all lengths times a scale."""
-    shapes = _WORLDS["THESIS_MAPS"][number - 1]
-    discs, rotated = _clutter(gap) if number == 5 else (shapes.get("discs", []), [])
-    rotated += [rotated_rectangle(*one) for one in shapes.get("rotated", [])]
-    boxes = [*shapes.get("boxes", [])]
-    boxes += [box for x, y in shapes.get("barriers", []) for box in _barrier(x, y, gap)]
-    boxes += [box for one in shapes.get("pockets", []) for box in _pocket(*one)]
-    return make_arena(
-        (0.0, 0.0, scale * WIDTH, scale * HEIGHT),
-        (scale * np.array(boxes).reshape(-1, 4)).tolist(),
-        [scale * outline for outline in rotated],
-        scale * np.array(discs).reshape(-1, 3),
-    )
-
-
-_GAP = 1.2  # m: width of the narrow passages, enough for the chair
-
-
 @settings
 class ThesisMap:
-    """One of the five maps; the same world for every generator."""
+    """One of the five maps of the thesis on RRT*-WOA; the same world for every generator."""
 
     number: int = setting(default=1, low=1, high=5, source="the first one")
     """Which of the five maps."""
@@ -198,8 +180,19 @@ class ThesisMap:
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """The one world there is, whatever the footprint."""
-        arena = _thesis_map(self.number, _GAP, self.scale)
-        start, goal = ((self.scale * x, self.scale * y) for x, y in (START, GOAL))
+        shapes, scale = _WORLDS["THESIS_MAPS"][self.number - 1], self.scale
+        discs, rotated = _clutter() if self.number == 5 else (shapes.get("discs", []), [])
+        rotated += [rotated_rectangle(*one) for one in shapes.get("rotated", [])]
+        boxes = [*shapes.get("boxes", [])]
+        boxes += [box for one in shapes.get("barriers", []) for box in _barrier(*one)]
+        boxes += [box for one in shapes.get("pockets", []) for box in _pocket(*one)]
+        arena = make_arena(
+            (0.0, 0.0, scale * WIDTH, scale * HEIGHT),
+            (scale * np.array(boxes).reshape(-1, 4)).tolist(),
+            [scale * outline for outline in rotated],
+            scale * np.array(discs).reshape(-1, 3),
+        )
+        start, goal = ((scale * x, scale * y) for x, y in (START, GOAL))
         return arena.episode(*poses_along(start, goal), f"thesis_{self.number}")
 
 

@@ -83,8 +83,7 @@ class Twin:
 
     Args:
         plant: the chair.
-        new: the boards' EEPROM is blank.
-        believed: the chair whose parameters the EEPROM holds otherwise; None: the plant's settings.
+        believed: the chair whose parameters the EEPROM holds; None: the plant's settings.
 
     Attributes:
         drive: the drive board, see `SerialCable`.
@@ -96,28 +95,25 @@ class Twin:
         bumper_steps: steps in which a bumper strip was hit.
     """
 
-    def __init__(
-        self, plant: Plant | None = None, new: bool = False, believed: ChairSettings | None = None
-    ) -> None:
+    def __init__(self, plant: Plant | None = None, believed: ChairSettings | None = None) -> None:
         self.plant = plant or Plant()
         self.faults = Faults()
         drive = "atmega2560", "drive.elf", (BAUD, IBUS_BAUD)
         ranges = "atmega328p", "range.elf", (BAUD, 0)
         self.drive, self.range = EmulatedBoard(*drive), EmulatedBoard(*ranges)
-        if not new:
-            chair = self.plant.chair
-            wanted = drive_parameters(believed or chair.settings)
-            self.drive.set_eeprom(stored_parameters(*drive, tuple(wanted.items())))
-            wanted = range_parameters(chair.sensors.ultrasonic)
-            self.range.set_eeprom(stored_parameters(*ranges, tuple(wanted.items())))
+        chair = self.plant.chair
+        wanted = drive_parameters(believed or chair.settings)
+        self.drive.set_eeprom(stored_parameters(*drive, tuple(wanted.items())))
+        wanted = range_parameters(chair.sensors.ultrasonic)
+        self.range.set_eeprom(stored_parameters(*ranges, tuple(wanted.items())))
         for i in range(4):
             self.range.call("pulse_sonar", b"D", 4 + i, b"B", i)
-        for i in range(len(self.plant.chair.sensors.ultrasonic.mounted) - 4):
+        for i in range(len(chair.sensors.ultrasonic.mounted) - 4):
             self.range.call("bus_sonar", _BUS_SONAR + 2 * i)
         self.range.on_ping(self._ping)
         self.lasers = [
             TwinLaser(functools.partial(self.plant.scan, which=k), laser, lambda: self.steps)
-            for k, laser in enumerate(self.plant.chair.sensors.lasers)
+            for k, laser in enumerate(chair.sensors.lasers)
         ]
         self.laser = self.lasers[0]
         for bit in range(4):
