@@ -117,19 +117,11 @@ def begin_chairs(batch_at: int, chosen: Mask, results_at: int) -> None:
 def step_chairs(
     low: int, high: int, batch_at: int, same_step: bool, results_at: int, finals_at: int
 ) -> int:
-    """Advance rows low to high by one control period.
+    """Advance the rows from low to before high of a BATCH by one control period; write RESULTS.
 
-    Args:
-        low: the first row.
-        high: one past the last.
-        batch_at: address of a record of BATCH.
-        same_step: an episode's end begins the next one, and what its last step gave is written to
-            other results.
-        results_at: address of a record of RESULTS, which are written.
-        finals_at: of another, for last steps.
-
-    Returns:
-        How many rows began an episode; -1, and nothing was done, if an action is not finite.
+    With `same_step` an episode's end begins the next one, and what its last step gave is written to
+    the results at `finals_at`. Return the number of rows that began an episode; -1, and nothing was
+    done, if an action is not finite.
     """
     batch, results = _batches_at(batch_at, 1)[0], _results_at(results_at, 1)[0]
     final = _results_at(finals_at, 1)[0]

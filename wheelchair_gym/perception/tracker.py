@@ -327,16 +327,12 @@ def _add_tracks(s: Any, now: Any, clusters: Rows, n: int) -> None:
 
 @borrowing_kernel
 def update(g: Any, s: Any, m: Any, pose: Any, twist: Any, laser: Floats, stamp: float) -> None:
-    """Update a tracker by a scan.
+    """Update a tracker (records g of CONSTANTS, s of TRACKER, m of STATIC_MAP) by a scan (beams,).
 
-    Args:
-        g: settings and laser, a record of CONSTANTS.
-        s: state, a record of TRACKER; all zero: it has not begun.
-        m: static surroundings, a record of STATIC_MAP; all zero: not known.
-        pose: of the chair by its own estimate (3,); where it is not finite, dead reckoning goes on.
-        twist: by its encoders (2,); where it is none, the last one.
-        laser: (beams,) [m]; no echo +inf, too near -inf, invalid NaN.
-        stamp: of the scan [s]; the same one again is ignored, an earlier one begins anew.
+    A record s of zeros has not begun; with m of zeros the static surroundings are not known. Ranges
+    are those of REP-117 [m]. Where the pose (3,) is not finite, dead reckoning goes on; where the
+    twist (2,) is not, the last one counts. The same stamp [s] again is ignored, an earlier one
+    begins anew.
     """
     if not math.isfinite(stamp) or (s.begun and stamp == s.stamp):
         return

@@ -428,14 +428,8 @@ def disagrees(
 ) -> bool:
     """Match a scan to the key scan; return True if it does not move as the wheels report.
 
-    Args:
-        key: a record of KEY, of this scanner.
-        one: the scanner.
-        pose: dead-reckoned pose (3,).
-        scan: (beams,).
-        v: speed that the wheels report [m/s].
-        w: turn rate that they report [rad/s].
-        dt: time since the scan before [s].
+    The pose is dead-reckoned (3,), v and w [m/s, rad/s] are what the wheels report, dt [s] is since
+    the scan before.
     """
     at, velocity = scanner_frame(one.mount, pose), (v * math.cos(pose[2]), v * math.sin(pose[2]), w)
     if not key.begun:
@@ -477,11 +471,7 @@ def count_expected(key: Any, one: LaserArrays, pose: Array) -> int:
 def expected_echo(key: Any, at: Frame, half: float, reach: float) -> float:
     """Return the range [m] of a surface of the key scan that a ranger must hear; +inf: none.
 
-    Args:
-        key: a record of KEY.
-        at: frame of the ranger.
-        half: half of its cone [rad].
-        reach: of the ranger [m].
+    The ranger has a frame, half a cone [rad] and a reach [m].
     """
     found, far, nearest = 0, min(_HEARD_SHARE * reach, _HEARD), math.inf
     for k in range(KEY_POINTS):
@@ -516,15 +506,8 @@ def find_lost(
     A lost point returns with its echo, and goes when a beam measures something behind it. It also
     goes after a while at creep speed if no ultrasonic hears anything that the laser does not.
 
-    Args:
-        s: a record of SHIELD.
-        key: a record of KEY, of this scanner.
-        one: the scanner.
-        scan: (beams,).
-        minimum: (beams,) of `Scan.minimum`; is set to -inf at lost points, and for a repeated scan.
-        slow: the chair is at rest, or drives at creep speed.
-        way: motion since the scan before [m and rad].
-        dt: time since the scan before [s].
+    `minimum`, that of `Scan`, is set to -inf at lost points, and for a repeated scan. `slow`: the
+    chair is at rest, or drives at creep speed. Way [m and rad] and dt [s] are since the last scan.
     """
     at, beams = scanner_frame(one.mount, s.pose), scan.shape[0]
     wide, heard = (beams - 1) // (KEY_POINTS - 1) + 1, False

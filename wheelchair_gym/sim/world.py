@@ -209,20 +209,10 @@ def _furnish_with(
 ) -> int:  # fmt: skip
     """Put walls (n, 4), or discs (n, 3), nearer than a reach into a Space; take out the others.
 
-    Args:
-        engine: functions of Munk2D.
-        world: record of WORLD.
-        things: walls or discs.
-        first: number of the first of them in the Space: the order in which Munk2D solves goes by
-            numbers, so each has its own whenever it is put in.
-        shapes: addresses of shapes, made when they are first needed.
-        held: which thing each shape in the Space is.
-        inside: how many of them are in the Space.
-        near: distance of each thing from the outline, at least [m].
-        reach: [m].
-
-    Returns:
-        How many are in the Space now.
+    `near` is the least distance [m] of each thing from the outline. `held` names the thing of each
+    shape in the Space, `inside` of them before; return their number now. Shapes are made when they
+    are first needed. The order in which Munk2D solves goes by numbers, so each thing has its own,
+    from `first` on, whenever it is put in.
     """
     kept = 0
     for k in range(inside):

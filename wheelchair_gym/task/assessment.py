@@ -85,17 +85,10 @@ def assess(
     i: int, task: Any, verdicts: Any, action: Pair, less: Pair, seen: Any, laser: Floats,
     out: Floats,
 ) -> None:  # fmt: skip
-    """Assess the step of row i's action, and write the observation that follows.
+    """Assess the step of row i's action in [-1, 1]: write its verdict and the observation, `out`.
 
-    Args:
-        i: the row.
-        task: (1,) of TASK.
-        verdicts: (n,) of VERDICT; that of the row is written.
-        action: in [-1, 1].
-        less: what a shield took from the action's twist [m/s, rad/s].
-        seen: the reading, a record of SENSED.
-        laser: its scans [m].
-        out: the observation.
+    `less` is what a shield took from the action's twist [m/s, rad/s]; `seen` is the reading, a
+    record of SENSED, and `laser` its scans [m].
     """
     rule, prepared, progress = task_row(task, i)
     verdict, pose, twist = verdicts[i], seen.pose[:], seen.twist[:]

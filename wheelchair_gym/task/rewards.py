@@ -82,12 +82,8 @@ def reward_table() -> str:
 def reached_pose(pose: Array, speed: float, goal: Array, arrival: Array, margin: float) -> bool:
     """Whether a chair at a pose (3,) with a speed [m/s] has arrived at a goal (3,) that is a pose.
 
-    Args:
-        pose: of the chair [m, m, rad].
-        speed: of it [m/s].
-        goal: [m, m, rad].
-        arrival: (4,) the numbers of an `Arrival`.
-        margin: how much stricter than the tolerance [m], at most half of it.
+    `arrival` holds the numbers (4,) of an `Arrival`; the margin [m] is how much stricter it is, at
+    most half of the tolerance.
     """
     c, s = math.cos(goal[2]), math.sin(goal[2])
     dx, dy = pose[0] - goal[0], pose[1] - goal[1]

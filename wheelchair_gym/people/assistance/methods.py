@@ -49,24 +49,11 @@ def follow_arc(
     points: Array, outline: Array, v: float, w: float, step: float, steps: int, margin: float,
     maximum: float, give_up: float,
 ) -> tuple[int, float]:  # fmt: skip
-    """Return how far the outline can follow a twist among points (n, 2) [m].
+    """Follow a twist with the outline among points (n, 2) [m] in the chair's frame, in steps [s].
 
-    Poses at which it cannot have come near enough to matter are left out.
-
-    Args:
-        points: in the chair's frame.
-        outline: `Footprint.array`.
-        v: speed [m/s].
-        w: turn rate [rad/s].
-        step: between two poses [s].
-        steps: how many.
-        margin: to be kept [m].
-        maximum: a larger clearance counts as this [m].
-        give_up: where the clearance is below this [m], the rest is not followed.
-
-    Returns:
-        How many steps keep the margin, or come no nearer than the chair is, and the least clearance
-        on them.
+    Return the number of steps that keep the margin [m], or come no nearer than the chair is, and
+    the minimum clearance on them, up to `maximum` [m]. Where it is below `give_up` [m], the rest is
+    not followed. Poses at which it cannot have come near enough to matter are left out.
     """
     n = points.shape[0]
     reach = math.hypot(max(outline[0], outline[1]), outline[2])

@@ -84,13 +84,10 @@ def margin_of(p: Any, a: Any, forward: float, left: float) -> float:
 
 @borrowing_kernel
 def within_freedom(twist: Twist, asked: Twist, turn: float, maximum: float) -> Twist:
-    """A twist, clipped to what may be made of the stick's [m/s, rad/s].
+    """A method's twist, clipped to what may be made of the stick's, `asked` [m/s, rad/s].
 
-    Args:
-        twist: that a method gives.
-        asked: the stick's; at rest, the answer is rest.
-        turn: how far the turn rate may lie beyond those between rest and the stick's.
-        maximum: the chair's limit of turn rates.
+    The turn rate may lie by `turn` beyond those between rest and the stick's, up to the chair's
+    limit, `maximum`. A stick at rest gives rest.
     """
     (v, w), (to_v, to_w) = twist, asked
     if to_v == 0.0 and to_w == 0.0:

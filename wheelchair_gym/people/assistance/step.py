@@ -84,14 +84,7 @@ def pass_stick_on(
 ) -> None:
     """Take in a scan in row i, and set the stick's twist, backward at most as the freedom allows.
 
-    Args:
-        i: the row.
-        assistants: (1,) of ASSISTANTS.
-        forward: deflection of the stick.
-        left: the same to the left.
-        scan: ranges [m], those of the first scanner first.
-        twist: (2,) by odometry [m/s, rad/s].
-        stamp: of the reading [s].
+    The scan has the first scanner's ranges [m] first; the twist (2,) is by odometry [m/s, rad/s].
     """
     p, a = _assistant_row(assistants, i)
     look(p, a, scan, twist, stamp)
@@ -225,11 +218,7 @@ def scanners_of(sensors: SensorSettings) -> Rows:
 
 
 class CompiledAssistant:
-    """A compiled assistant that turns a person's stick into a twist.
-
-    Args:
-        config: its settings, of a class in `wheelchair_gym.people.assistance.COMPILED`.
-    """
+    """A compiled assistant that turns a person's stick into a twist; `config` is of `COMPILED`."""
 
     def __init__(self, config: Any) -> None:
         self.config = config

@@ -251,15 +251,8 @@ def _cost(
 ) -> float:  # fmt: skip
     """Seconds that signal k costs, with the obstacles on its arc.
 
-    Args:
-        p: who drives.
-        d: its state.
-        k: the signal.
-        begin: where its arc begins.
-        to_go: seconds (POSES,) as `_min_cost` writes them.
-        before: distance to what is seen where it begins [m].
-        spare: seconds that obstacles may cost at the arc's end; from there on the cost may be
-            infinite, if only the end counts.
+    `to_go` is as `_min_cost` writes it, `before` the distance [m] to what is seen where the arc
+    begins. If only its end counts, the cost may be infinite from where obstacles cost `spare` [s].
     """
     horizon = d.horizon
     v, w = _motion(p, d, k)

@@ -276,17 +276,9 @@ def step_driver(
 ) -> tuple[float, float, bool]:
     """Advance row i's person by one control period: see where the chair came to, and drive on.
 
-    Args:
-        i: the row.
-        drivers: (1,) of DRIVERS.
-        prepared: of the episode, a record of PREPARED.
-        pose: true (3,) [m, m, rad].
-        twist: true (2,) [m/s, rad/s].
-        scan: ranges [m], those of the first scanner first.
-
-    Returns:
-        Signal of the interface: deflections forward and to the left, and whether they last
-        without the person's doing.
+    Pose (3,) and twist (2,) are the true ones; the scan has the first scanner's ranges [m] first.
+    Return the interface's deflections forward and to the left, and whether they last without the
+    person's doing.
     """
     p, d = driver_row(drivers, i)
     notice_motion(p, d, twist)
