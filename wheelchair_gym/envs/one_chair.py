@@ -67,11 +67,7 @@ def outcome_of(
 ) -> tuple[float, bool, bool, dict[str, Any]]:
     """Return reward, terminated and truncated of a step, and its info without the shield's.
 
-    Args:
-        verdict: memory of a record of VERDICT.
-        sensed: memory of one of SENSED.
-        success: the chair is at the goal by truth, and has touched nothing.
-        arrays: as of `info_arrays`.
+    They are read from memory of a record of VERDICT and of one of SENSED, and `info_arrays`.
     """
     numbers, info = (*_read_verdict(verdict), *_read_sensed(sensed), success), arrays.copy()
     # Without the keyword `strict`, which takes two tenths of a microsecond.
@@ -181,11 +177,7 @@ class SimulatedLoop:
         return observation, info
 
     def step(self, action: Pair) -> Outcome:
-        """Drive for one control period.
-
-        Args:
-            action: in [-1, 1]; with an assistant it is added to that one's.
-        """
+        """Drive an action in [-1, 1] for one control period; an assistant's is added to it."""
         self._actions[0] = action
         if len(self.parts.assistants.states):
             action = self.parts.assistants.action(action)

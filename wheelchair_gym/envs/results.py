@@ -132,12 +132,7 @@ R = TypeVar("R", bound=Any)  # its `arrays()` are all that is handed out, see `R
 
 
 class ResultPool(Generic[R]):
-    """Results to write to that no caller holds any more.
-
-    Args:
-        make: a new one.
-        size: of one [bytes].
-    """
+    """Results to write to, of a size [bytes] each, that no caller holds any more."""
 
     def __init__(self, make: Callable[[], R], size: int) -> None:
         self._make = make

@@ -72,13 +72,10 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
 
     Args:
         num_envs: number of chairs.
-        scene: as of the single env.
-        config: as of the single env.
-        split: as of the single env.
         autoreset_mode: NEXT_STEP, SAME_STEP or DISABLED.
         num_threads: that share the work; None: as many as are of use.
         render_mode: 'rgb_array': `render` gives a picture of each row; or None.
-        settings: as of the single env.
+        scene, config, split, settings: as of the single env.
 
     Raises:
         InputError: an argument or a setting is unknown or out of bounds.

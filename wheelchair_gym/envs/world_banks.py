@@ -75,12 +75,9 @@ class WorldBank:
         return np.array([which(self._rng(self._entropy(j))) for j in range(self._bank.size)])
 
     def draw(self, seed: int, episode: int, weights: Array | None = None) -> int:
-        """Number of the bank's world that an episode is in; NO_LEVEL without a bank.
+        """Number of the bank's world that an episode of a seed is in; NO_LEVEL without a bank.
 
-        Args:
-            seed: of the sequence.
-            episode: its number.
-            weights: how often each world is drawn, by `cumulative`; None: all alike.
+        `weights` tell how often each world is drawn, by `cumulative`; None: all alike.
         """
         if self._bank.size == 0:
             return NO_LEVEL
@@ -112,11 +109,8 @@ class WorldBank:
     ) -> PreparedEpisode:
         """The prepared episode of a seed and a number, at its start.
 
-        Args:
-            seed: of the sequence.
-            episode: its number.
-            level: number of the bank's world; None: the one that is drawn.
-            max_time: largest plan time from the start to the goal [s]; NaN: the attribute.
+        `level` is the number of the bank's world (None: the one that is drawn), `max_time` the
+        largest plan time from the start to the goal [s] (NaN: the attribute).
         """
         level = self.draw(seed, episode) if level is None else level
         if level == NO_LEVEL:

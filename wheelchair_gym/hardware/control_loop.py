@@ -255,14 +255,8 @@ class RealChair(NotCopyable, Chair):
     ) -> Reading:  # fmt: skip
         """The reading of a control period that ends now; it updates the best estimate.
 
-        Args:
-            odometry: pose (3,).
-            pose: estimated pose (3,).
-            twist: (2,).
-            ranges: laser (beams,), ultrasonics (8,) or more [m] and their ages [s].
-            bumped: a bumper strip was pressed.
-            battery: [V].
-            halted: why the chair stopped, see `Reading`.
+        `odometry` and `pose`, the estimate, are poses (3,); `ranges` are those of the laser, of the
+        ultrasonics [m] and their ages [s]. For the others, see `Reading`.
         """
         before, laser = self._known, ranges[0]
         distance = before.distance + float(np.hypot(*relative_pose(self._odometry, odometry)[:2]))

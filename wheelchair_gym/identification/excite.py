@@ -80,10 +80,9 @@ def check_room(reading: Reading, sensors: SensorSettings) -> None:
 
 
 def excite(env: gym.Env[Any, Any]) -> DriveLog:
-    """Drive the program, which the shield may slow, once nobody drives by hand; the log.
+    """Drive the program in a `free_floor_env`, wrapped or not, once nobody drives by hand; the log.
 
-    Args:
-        env: a `free_floor_env`, wrapped or not.
+    The shield may slow the program.
 
     Raises:
         ValueError: there is too little room, or the chair or the shield stopped the program.

@@ -43,14 +43,10 @@ def log_of_reports(
     wheels: NDArray[np.void], scan_stamps: Any, readings: Any, sensors: SensorSettings,
     drive: DriveGeometry,
 ) -> DriveLog:  # fmt: skip
-    """The log of a drive.
+    """The log of a drive from reports (n,) of WHEELS, with the sensors and wheels of the config.
 
-    Args:
-        wheels: reports (n,) of WHEELS.
-        scan_stamps: (m, scanners) [s].
-        readings: (m, beams of all scanners) [m], without the offsets of the config.
-        sensors: the scanners.
-        drive: the wheels, as the config has them.
+    Stamps are (m, scanners) [s], readings (m, beams of all scanners) [m] without the offsets of the
+    config.
     """
     at = np.unique(wheels["stamp"], return_index=True)[1]
     rows: Any = wheels[at]

@@ -174,11 +174,9 @@ class OccupancyGrid:
         return np.asarray(((cell >= 0) & (cell < self.shape)).all(axis=-1))
 
     def extended_to(self, points: ArrayLike, margin: float) -> OccupancyGrid:
-        """This grid, or a larger one with unknown cells round it.
+        """This grid, or a larger one with unknown cells round it, that holds points (n, 2) [m].
 
-        Args:
-            points: (n, 2) [m] that it shall hold.
-            margin: least distance [m] from them to its border.
+        The margin [m] is their minimum distance to its border.
         """
         rows, cols = self.shape
         lattice, rim = self.to_lattice(points).reshape(-1, 2), margin / self.resolution

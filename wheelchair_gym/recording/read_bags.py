@@ -71,10 +71,6 @@ def mcap_messages(file: str | Path, wanted: Callable[[str, str], bool]) -> list[
 
     A file that was cut off is read as far as it goes, with a warning.
 
-    Args:
-        file: to read.
-        wanted: called with topic and type.
-
     Raises:
         InputError: the extra 'record' is not installed, or the file is damaged or beyond a limit.
     """
@@ -192,10 +188,6 @@ def is_bag(path: str | Path) -> bool:
 
 def bag_messages(path: str | Path, wanted: Callable[[str, str], bool]) -> list[Recorded]:
     """The messages of a bag whose topic and type are wanted, as CDR, in the order of their times.
-
-    Args:
-        path: of the bag.
-        wanted: called with topic and type.
 
     Raises:
         InputError: a file is missing, damaged, compressed as a whole or beyond a limit.

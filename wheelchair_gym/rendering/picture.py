@@ -138,13 +138,7 @@ def draw_map(maps: Sequence[tuple[str, OccupancyGrid, ArrayLike]]) -> Image:
 
 
 def draw_actors(canvas: Canvas, actors: Actors, poses: Array) -> None:
-    """Draw actors at their true shapes.
-
-    Args:
-        canvas: to draw on.
-        actors: of the episode.
-        poses: where they are (k, 3) [m, m, rad]; NaN: not there.
-    """
+    """Draw actors at their true shapes and poses (k, 3) [m, m, rad]; NaN: not there."""
     for row, (x, y, yaw) in zip(actors.rows, poses, strict=True):
         if not math.isfinite(x):
             continue

@@ -264,13 +264,8 @@ def sample_people(
 ) -> list[Actor]:
     """People on routes between places of a map; none begins where a leaf swings.
 
-    Args:
-        rng: every draw comes from it.
-        grid: where they walk.
-        start: pose (3,) of the chair.
-        people: their number and behaviour.
-        taken: places (x, y, reach) where something stands already; those of people are added.
-        leaves: doors; routes lead round them where they stand open.
+    `start` is the chair's pose (3,). Something stands already at the places (x, y, reach) `taken`,
+    to which those of people are added. Routes lead round leaves where they stand open.
     """
     count = round(rng.uniform(*people.density) * free_area(grid))
     grid = with_open_doors(grid, leaves)

@@ -71,14 +71,10 @@ class PreparedEpisode:
         tolerance: float,
         cost_to_go: CostToGo | None = None,
     ) -> PreparedEpisode:
-        """Prepare an episode.
+        """Prepare an episode with the distances to its goal, and its guidance (n, 2) [m], if any.
 
-        Args:
-            episode: to be driven.
-            geodesic: distances to its goal.
-            path: guidance (n, 2) [m], or None.
-            tolerance: where the episode names none [m].
-            cost_to_go: of the outline, where it guides.
+        `tolerance` [m] counts where the episode names none; `cost_to_go` is of the outline, where
+        that guides.
         """
         points = np.empty((0, 2))
         if path is not None:

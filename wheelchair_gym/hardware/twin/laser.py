@@ -38,12 +38,7 @@ class ScipSensor:
         )
 
     def scan(self, millimetres: NDArray[np.integer], stamp: int) -> bytes:
-        """The reply that reports a scan (beams,) [mm]; empty while not streaming.
-
-        Args:
-            millimetres: from the first step to the last.
-            stamp: ms of the sensor's clock; it wraps.
-        """
+        """The reply with a scan (beams,) [mm] at a stamp [ms]; empty while not streaming."""
         if not self.streaming or not self.on:
             return b""
         return scip.encode_scan(self.streaming, millimetres, self.specs.first, stamp)

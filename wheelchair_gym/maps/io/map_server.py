@@ -295,11 +295,6 @@ def write_map(
 ) -> None:
     """Write a map_server YAML file, and its image beside it; `read_map` gives the same grid.
 
-    Args:
-        grid: the map.
-        path: of the YAML file.
-        suffix: of the image.
-
     Raises:
         InputError: a cell is neither free, occupied nor unknown, or a file cannot be written.
     """
@@ -337,11 +332,7 @@ def _size(line: str, key: str, where: str) -> int:
 
 
 def read_moving_ai_map(path: str | Path, resolution: float = 1.0) -> OccupancyGrid:
-    """The grid of a `.map` file; its lower-left corner is (0, 0).
-
-    Args:
-        path: of the file.
-        resolution: side of a cell [m].
+    """The grid of a `.map` file with cells of a side [m]; its lower-left corner is (0, 0).
 
     Raises:
         InputError: the file cannot be read, or a line is not what the format says.

@@ -19,10 +19,7 @@ COMPILED: Final = Registry("assistant", {"shield": f"{_METHODS}:Shielded", **_OW
 
 
 def make_compiled(spec: str | Mapping[str, Any] | Any) -> Any:
-    """Settings of a compiled assistant.
-
-    Args:
-        spec: a name, `{"name": name, **settings}`, or such settings.
+    """Settings of a compiled assistant from a name, `{"name": name, **settings}`, or themselves.
 
     Raises:
         InputError: it is none of them (the message lists those known), or a setting is wrong.

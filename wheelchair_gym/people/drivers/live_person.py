@@ -130,8 +130,7 @@ class LiveSight:
     def unnoticed(self, clock: float) -> list[int]:
         """The sectors of the scan, of SECTORS, that go unnoticed on the neglected side.
 
-        Args:
-            clock: time of the episode [s]; another second has other sectors.
+        The clock is the time of the episode [s]; another second has other sectors.
         """
         if self.perception.neglect >= np.pi:
             return []
@@ -144,11 +143,7 @@ class LiveSight:
 
 
 def scanning(scan_period: float = 1.25) -> Driver:
-    """Somebody with a single switch, who presses when they mean to.
-
-    Args:
-        scan_period: for which each command is lit [s].
-    """
+    """Somebody with one switch, who presses when they mean to; a command is lit for a time [s]."""
     return Driver(interface=Scanning(scan_period=scan_period, delay=0.0, error=0.0))
 
 
