@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.sim.worlds import box, exact_chair, placed
+from tests.sim.worlds import box, drive_for, drives, exact_chair, placed
 from wheelchair_gym.geometry.planar import wrap_angle
 from wheelchair_gym.sensors.settings import ModelledPose, OdometrySettings, SensorSettings
 from wheelchair_gym.sim.chair import SimulatedChair
@@ -33,8 +33,7 @@ def test_without_errors_dead_reckoning_holds_to_the_encoder_quantum():
 def test_twist_errs_by_at_most_a_count_in_a_period():
     chair = placed(exact_chair(), box(50))
     quantum = 1 / 4346 / 0.1
-    for _ in range(60):
-        reading = chair.drive(np.array([0.5, 0.0]))
+    reading = drive_for(chair, np.array([0.5, 0.0]), 60)
     assert reading.twist[0] == pytest.approx(chair.truth.twist[0], abs=2 * quantum)
     counts = reading.twist[0] / quantum
     assert 2 * counts == pytest.approx(round(2 * counts), abs=1e-6)
@@ -61,8 +60,7 @@ def test_variance_grows_with_the_way():
     errors = []
     for key in range(60):
         chair.reset(box(50), key)
-        for _ in range(80):
-            reading = chair.drive(np.array([0.8, 0.0]))
+        reading = drive_for(chair, np.array([0.8, 0.0]), 80)
         errors.append(reading.pose[0] - chair.truth.pose[0])
     way = chair.truth.distance
     assert np.std(errors) == pytest.approx(math.sqrt(0.5 * 1e-4 * way), rel=0.3)
@@ -75,8 +73,7 @@ def test_modelled_pose_has_its_deviation_correlation_and_clip():
     for key in range(40):
         reading = chair.reset(box(50), key)
         rows = [reading.pose - chair.truth.pose]
-        for _ in range(100):
-            reading = chair.drive(np.zeros(2))
+        for reading in drives(chair, np.zeros(2), 100):
             rows.append(reading.pose - chair.truth.pose)
         errors.append(rows)
     e = np.array(errors)  # (40, 101, 3)

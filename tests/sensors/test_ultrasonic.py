@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.sensors.test_laser import NO_DISCS, ROOM, nearest_in_cone, random_world
-from tests.sim.worlds import box, exact_chair, placed
+from tests.sim.worlds import box, drive_for, exact_chair, placed
 from wheelchair_gym.sensors.settings import SensorSettings, UltrasonicSettings
 from wheelchair_gym.sensors.ultrasonic import RANGER, first_echo, ranger_rows, sense_ultrasonic
 from wheelchair_gym.sim.chair import SimulatedChair
@@ -121,8 +121,7 @@ def test_ages_run_through_one_cycle_and_never_beyond():
 def test_a_reading_is_taken_where_the_ranger_was_when_it_fired():
     """Driving at a wall, old readings are longer than fresh ones by the way since they fired."""
     chair = placed(exact_chair(), box(8, (1.0, 0.0, 0.0)))
-    for _ in range(60):
-        reading = chair.drive(np.array([0.8, 0.0]))
+    reading = drive_for(chair, np.array([0.8, 0.0]), 60)
     truth = 8.0 - chair.truth.pose[0] - 0.70
     for k in (0, 1):
         heard = float(reading.ultrasonic[k])

@@ -7,7 +7,7 @@ import pymunk
 import pytest
 
 from tests.conftest import long_but
-from tests.sim.worlds import busy, cluttered, exact_chair
+from tests.sim.worlds import busy, cluttered, drive_for, exact_chair
 from wheelchair_gym.actors.bodies import PARKING, read_actor_poses
 from wheelchair_gym.actors.records import DOOR, FURNITURE, NOBODY, OBSTACLE, PERSON
 from wheelchair_gym.compiled.address import address_of
@@ -191,8 +191,7 @@ def test_kernels_equal_the_plain_api(world, seed, monkeypatch):
     chair = exact_chair(**more)
     for used in range(3):  # other worlds, other contacts, more and fewer shapes
         chair.reset(world(100 + used, (0.5 * used, 0.2, 0.3)), used)
-        for _ in range(40):
-            chair.drive(np.array([0.8, 0.2]))
+        drive_for(chair, np.array([0.8, 0.2]), 40)
     episode = world(seed, (0.0, 0.0, rng.uniform(-math.pi, math.pi)))
     chair.reset(episode, seed)
     oracle = Oracle(exact_chair(**more), episode, seed)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.copies import same_fields
-from tests.sim.worlds import box, cluttered, exact_chair, placed
+from tests.sim.worlds import box, cluttered, drives, exact_chair, placed
 from wheelchair_gym.engine import GRAVITY
 from wheelchair_gym.geometry.kinematics import approach
 from wheelchair_gym.geometry.planar import to_world
@@ -19,8 +19,7 @@ STILL, PIVOT = np.zeros(2), np.array([0.0, 1.0])
 def run(chair, twist, steps):
     """Drive; returns true poses (steps + 1, 3) and twists (steps + 1, 2)."""
     poses, twists = [chair.truth.pose], [chair.truth.twist]
-    for _ in range(steps):
-        chair.drive(twist)
+    for _ in drives(chair, twist, steps):
         poses.append(chair.truth.pose)
         twists.append(chair.truth.twist)
     return np.array(poses), np.array(twists)
@@ -145,8 +144,7 @@ def test_no_energy_from_nothing():
     rng = np.random.default_rng(1)
     for _ in range(60):
         twist = rng.uniform((-0.3, -1), (0.8, 1))
-        for _ in range(5):
-            chair.drive(twist)
+        for _ in drives(chair, twist, 5):
             v, w = chair.truth.twist
             aside = p["body"]["centre_of_mass"] * w
             kinetic = 0.5 * p["mass"] * (v**2 + aside**2) + 0.5 * p["moment"] * w**2

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.sensors.test_laser import brute_force, nearest_in_cone
-from tests.sim.worlds import box, busy, exact_chair, placed, wall_gaps
+from tests.sim.worlds import box, busy, drive_for, drives, exact_chair, placed, wall_gaps
 from wheelchair_gym.actors import records
 from wheelchair_gym.actors.orca import HALF_PLANES, avoid_wall, best_velocity
 from wheelchair_gym.geometry.outline import footprint_clearance
@@ -45,8 +45,7 @@ def test_the_laser_sees_movers_where_they_are():
     for seed in range(4):
         episode = busy(seed)
         chair = placed(SimulatedChair(sensors=sensors), episode, seed)
-        for _ in range(25):
-            reading = chair.drive(np.array([0.3, 0.4]))
+        for reading in drives(chair, np.array([0.3, 0.4]), 25):
             truth = chair.truth
             discs, segments = records.actor_shapes(episode.actors, truth.actor_poses)
             x, y = to_world((laser.x, laser.y), truth.pose)
@@ -113,8 +112,7 @@ def test_nobody_walks_through_a_wall_and_the_way_stays_open():
         rows = episode.actors.rows
         who = np.flatnonzero(rows["kind"] == records.PERSON)
         track = [actor_states(chair)["pose"][who, :2].copy()]
-        for _ in range(600):
-            chair.drive(STILL)
+        for _ in drives(chair, STILL, 600):
             track.append(actor_states(chair)["pose"][who, :2].copy())
             if len(track) % 5 == 0:
                 gaps = wall_gaps(track[-1], episode.walls)
@@ -141,8 +139,7 @@ def test_a_person_who_ignores_the_chair_is_stopped_and_does_not_move_it():
     start = (0.2, -2.66, 0.0)
     chair = placed(exact_chair(), box(3.0, start, actors=crowd))
     touched = set()
-    for _ in range(300):
-        reading = chair.drive(STILL)
+    for reading in drives(chair, STILL, 300):
         truth = chair.truth
         assert not truth.at_fault
         if truth.contact and truth.other_approach_speed > 0.1:
@@ -179,17 +176,12 @@ def test_people_never_press_the_chair_through_a_wall_while_it_drives():
 def test_light_furniture_is_pushed_and_stays_where_it_is_left():
     for size in ((0.5, 0.4), (0.2, 0.0)):
         chair = placed(exact_chair(), box(actors=[records.furniture((1.3, 0.0, 0.0), size, 8.0)]))
-        bumped = False
-        for _ in range(30):
-            bumped |= chair.drive(FORWARD).bumped
-        assert bumped
+        assert any([reading.bumped for reading in drives(chair, FORWARD, 30)])
         assert chair.truth.contact_with in (0, -1)
-        for _ in range(30):
-            chair.drive(STILL)
+        drive_for(chair, STILL, 30)
         before = chair.truth.actor_poses[0].copy()
         assert before[0] > 1.3 + 0.05  # the bumper makes the chair stop, again and again
-        for _ in range(20):
-            chair.drive(np.array([-0.3, 0.0]))
+        drive_for(chair, np.array([-0.3, 0.0]), 20)
         np.testing.assert_allclose(chair.truth.actor_poses[0], before, atol=1e-6)
 
 
@@ -213,12 +205,8 @@ def test_light_furniture_is_pushed_and_stays_where_it_is_left():
 )
 def test_a_chair_that_drives_into_something_is_at_fault(thing, at_fault, contact_with):
     chair = placed(exact_chair(), box(3.0, actors=[thing]))
-    for _ in range(120):
-        reading = chair.drive(FORWARD)
-        if chair.truth.contact:
-            break
+    reading = next(one for one in drives(chair, FORWARD, 120) if chair.truth.contact)
     truth = chair.truth
-    assert truth.contact
     assert reading.bumped
     assert truth.contact_with == contact_with
     own, other = truth.approach_speed, truth.other_approach_speed
@@ -235,8 +223,7 @@ def test_a_chair_that_is_shoved_into_a_wall_has_not_caused_it(twist):
     runner = records.person([(1.5, 0.1), (6.0, 0.1)], 2.0, avoids=records.NOBODY, mass=200.0)
     chair = placed(exact_chair(), box(5.0, (4.1, 0.0, 0.0), actors=[trolley, runner]))
     hardest = 0.0
-    for _ in range(60):
-        chair.drive(np.array(twist))
+    for _ in drives(chair, np.array(twist), 60):
         truth = chair.truth
         assert not truth.at_fault
         hardest = max(hardest, truth.approach_speed * (truth.contact_with == -1))
@@ -263,8 +250,7 @@ def test_a_standing_chair_never_causes_a_collision():
     for chair, _ in crowds(
         range(12), place="hall", hall_size=(6.0, 8.0), people=blind, furniture_density=0.03
     ):
-        for _ in range(300):
-            reading = chair.drive(STILL)
+        for reading in drives(chair, STILL, 300):
             assert not chair.truth.at_fault
             contacts += chair.truth.contact
             bumps += reading.bumped
@@ -279,8 +265,7 @@ def test_people_walk_round_a_chair_that_stands(blind):
     contacts = steps = 0
     seeing = {"density": (0.08, 0.1), "inattentive_share": blind}
     for chair, _ in crowds(range(6), place="hall", people=seeing, furniture_density=0.0):
-        for _ in range(300):
-            chair.drive(STILL)
+        for _ in drives(chair, STILL, 300):
             contacts += chair.truth.contact
             steps += 1
     assert contacts <= 0.002 * steps
@@ -323,8 +308,7 @@ def test_a_leaf_that_is_held_waits_at_a_distance():
     """It closes on a timetable while the chair stands in its way."""
     leaf = records.door((0.0, 1.0), 0.0, 1.2, -math.pi / 2, since=0.0, stay=3.0, minimum=0.15)
     chair = placed(exact_chair(), box(actors=[leaf]))
-    for _ in range(80):
-        chair.drive(STILL)
+    for _ in drives(chair, STILL, 80):
         _, segments = records.actor_shapes(chair._episode.actors, chair.truth.actor_poses)
         gap = footprint_clearance(*chair.truth.pose, chair.settings.footprint.array, segments,
                                   np.empty((0, 3)), 1.0)  # fmt: skip
@@ -337,8 +321,7 @@ def test_a_leaf_closes_on_nobody_while_it_leaves_another():
     leaf = records.door((0.0, 1.0), 0.0, 1.2, -math.pi / 2, stay=20.0, since=0.0)
     behind = records.person([(0.6, 1.28)])
     chair = placed(exact_chair(), box(start=(0.1, 0.35, 0.0), actors=[leaf, behind]))
-    for _ in range(60):
-        chair.drive(STILL)
+    for _ in drives(chair, STILL, 60):
         assert not chair.truth.contact
     assert 0.0 < actor_states(chair)["opening"][0] < 1.0
 

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tests.sim.worlds import box, exact_chair, placed, wall_gaps
+from tests.sim.worlds import box, drives, exact_chair, placed, wall_gaps
 from wheelchair_gym.actors.bodies import LEG_FORCE
 from wheelchair_gym.actors.records import (
     CURIOUS,
@@ -49,8 +49,7 @@ def watch(things, seconds, twist=STILL, half=6.0, start=(0.0, 0.0, 0.0), key=0, 
     """Poses (n, k, 3) of actors and (n, 3) of the chair, one after each 0.1 s, and the chair."""
     chair = placed(exact_chair(), box(half, start, walls, actors=things), key)
     poses, own, contacts = [chair.truth.actor_poses], [chair.truth.pose], 0
-    for _ in range(round(10 * seconds)):
-        chair.drive(np.asarray(twist, float))
+    for _ in drives(chair, np.asarray(twist, float), round(10 * seconds)):
         poses.append(chair.truth.actor_poses)
         own.append(chair.truth.pose)
         contacts += chair.truth.contact
@@ -102,8 +101,7 @@ def test_a_person_who_walks_by_social_forces_faces_their_motion():
     chair = placed(exact_chair(), box(6.0, actors=[person(route, 1.2, model=SOCIAL_FORCE)]))
     state = chair.chairs.pointers.array("actor_states")
     aside, turned = [], 0.0
-    for _ in range(110):
-        chair.drive(STILL)
+    for _ in drives(chair, STILL, 110):
         vx, vy, _ = state["twist"][0]
         heading = state["heading"][0]
         aside.append(abs(math.cos(heading) * vy - math.sin(heading) * vx))

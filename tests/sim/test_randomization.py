@@ -6,7 +6,7 @@ import hashlib
 import numpy as np
 import pytest
 
-from tests.sim.worlds import box, busy, cluttered, exact_chair, placed, step
+from tests.sim.worlds import box, busy, cluttered, drive_for, exact_chair, placed, step
 from wheelchair_gym.base.settings import load
 from wheelchair_gym.geometry.kinematics import DriveGeometry
 from wheelchair_gym.safety import Shield
@@ -214,8 +214,7 @@ def test_a_ratio_of_the_wheels_that_is_known_is_no_error():
     for name, settings in drives.items():
         sensors = SensorSettings(pose_source="odometry", odometry=OdometrySettings(0.0, 0.0, 0.0))
         chair = placed(SimulatedChair(settings, sensors), box(50.0))
-        for _ in range(80):
-            reading = chair.drive(np.array([0.5, 0.0]))
+        reading = drive_for(chair, np.array([0.5, 0.0]), 80)
         p = chair.parameters[0]
         assert p["radius_right"] / p["radius_left"] == pytest.approx(1.02, abs=3e-4)
         yaws[name] = chair.truth.pose[2]
@@ -231,8 +230,7 @@ def test_a_chair_rolls_down_a_slope_that_its_motors_do_not_hold():
     for downhill, sign in ((0.0, 1.0), (np.pi, -1.0), (np.pi / 2.0, 0.0)):
         physics = PhysicsSettings(slope=0.05, downhill=downhill)
         chair = placed(SimulatedChair(free, SensorSettings(noise=False), physics), box(50.0))
-        for _ in range(10):
-            chair.drive(np.zeros(2))
+        drive_for(chair, np.zeros(2), 10)
         speed = 9.81 * np.sin(0.05) * 1.0
         assert sign * chair.truth.twist[0] == pytest.approx(abs(sign) * speed, rel=0.5, abs=2e-3)
         if sign:
@@ -255,8 +253,7 @@ def test_a_board_may_believe_in_another_motor():
     for gain, feed in ((1.0, None), (1.0, 1.85), (0.5, None)):
         motor = MotorSettings(gain=gain, feed_constant=feed, ki=0.0)
         chair = placed(exact_chair(motor=motor), box(50.0))
-        for _ in range(30):
-            chair.drive(np.array([0.5, 0.0]))
+        drive_for(chair, np.array([0.5, 0.0]), 30)
         speeds.append(chair.truth.twist[0])
     assert speeds[1] < speeds[0] - 0.05
     assert speeds[2] < speeds[0] - 0.005

@@ -1,7 +1,7 @@
 """Worlds and chairs that several tests drive in."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -67,6 +67,18 @@ def placed(chair: SimulatedChair, episode: Episode, key: int = 0) -> SimulatedCh
     """The chair, at the start of an episode."""
     chair.reset(episode, key)
     return chair
+
+
+def drives(chair: Any, twist: Any, periods: int) -> Iterator[Reading]:
+    """Drive with one twist for some periods; yield each reading."""
+    for _ in range(periods):
+        yield chair.drive(np.asarray(twist, float))
+
+
+def drive_for(chair: Any, twist: Any, periods: int) -> Reading:
+    """Drive with one twist for some periods; return the last reading."""
+    *_, reading = drives(chair, twist, periods)
+    return reading
 
 
 def busy(seed: int, start: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Episode:
