@@ -162,7 +162,6 @@ def test_whatever_an_opener_raises_is_a_lost_connection():
 
 def test_a_hand_goes_before_the_policy(host):
     """It re-arms the chair at reset, takes it over while the laser is silent, and hands it back."""
-    pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
     hosted = host(box(50.0))
     chair, hosted.minds = hosted.chair, False
     seat = Seat(chair.rearm)

@@ -15,8 +15,6 @@ from wheelchair_gym.hardware.tools.diagnostics import Diagnostics, Orientation, 
 from wheelchair_gym.perception.occupancy import fit_wall
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings, UltrasonicSettings
 
-pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
-
 
 @pytest.fixture
 def hosted(host):

@@ -27,8 +27,6 @@ from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.geometry.kinematics import twist_of_wheels
 from wheelchair_gym.hardware.registry import localized
 
-pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
-
 CONFIG = str(ROOT / "configs" / "hardware.json")  # both controlled at 200 Hz
 SCENES = ("floor_plan", "clutter", "thesis_1", "chaotic_pso", "lab_1")
 COUNT = 1.0 / 4346.0  # m
