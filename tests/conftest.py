@@ -103,13 +103,18 @@ def python(code: str, *words: object) -> subprocess.CompletedProcess[str]:
     )
 
 
-def steps_of(env: Any, action: Any) -> Iterator[Any]:
-    """Step with one action to the end of the episode; yield what each step returns."""
-    over = False
-    while not over:
-        told = env.step(action)
-        over = told[2] or told[3]
-        yield told
+def at_start(env: Any, seed: Any = 0, **more: Any) -> Any:
+    """Reset an environment with a seed; return it."""
+    env.reset(seed=seed, **more)
+    return env
+
+
+def steps_of(env: Any, action: Any, maximum: int = sys.maxsize) -> Iterator[Any]:
+    """Step with one action, at most to the end of the episode; yield what each step returns."""
+    for _ in range(maximum):
+        yield (told := env.step(action))
+        if told[2] or told[3]:
+            return
 
 
 def need_pty():

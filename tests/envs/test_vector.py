@@ -10,7 +10,7 @@ import scipy.stats
 from gymnasium.vector import AutoresetMode
 
 import wheelchair_gym
-from tests.conftest import ROOT
+from tests.conftest import ROOT, at_start
 from tests.copies import differences
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv, world_banks
@@ -181,8 +181,7 @@ def test_a_held_part_keeps_its_values(part, mode):
 
 
 def test_memory_that_nobody_holds_is_used_again():
-    env = NavigationVectorEnv(2, config=SHORT, autoreset_mode=SAME, **QUICK)
-    env.reset(seed=0)
+    env = at_start(NavigationVectorEnv(2, config=SHORT, autoreset_mode=SAME, **QUICK))
     seen, ended = set(), 0
     for _ in range(90):
         observations, *_, infos = env.step(np.full((2, 2), 0.4))
@@ -195,8 +194,7 @@ def test_memory_that_nobody_holds_is_used_again():
 
 
 def test_actions_of_any_kind_are_taken_by_the_same_compiled_function():
-    env = NavigationVectorEnv(2, **QUICK)
-    env.reset(seed=0)
+    env = at_start(NavigationVectorEnv(2, **QUICK))
     env.step(np.zeros((2, 2)))
     compiled = len(step_chairs.signatures)
     frozen = np.full((2, 2), 0.1)
@@ -232,8 +230,7 @@ def test_a_mask_begins_some_rows_and_leaves_the_others():
     expected = whole.step(actions)[0]["laser"]
     assert np.array_equal(after[~mask], expected[~mask])
     assert not np.array_equal(after[mask], expected[mask])
-    single = NavigationEnv(config=SHORT, **QUICK)
-    single.reset(seed=5)
+    single = at_start(NavigationEnv(config=SHORT, **QUICK), 5)
     observation, _ = single.reset()  # the next episode of row 2
     assert np.array_equal(observation["laser"], observations["laser"][2])
 
@@ -270,8 +267,7 @@ def test_rows_without_a_seed_go_on():
 @pytest.mark.parametrize("mode", [NEXT, SAME])
 def test_no_kernel_gets_a_record_that_nobody_filled(mode):
     """A row whose next world could not be drawn is not driven in another one."""
-    env = NavigationVectorEnv(2, **QUICK, max_episode_steps=2, autoreset_mode=mode)
-    env.reset(seed=3)
+    env = at_start(NavigationVectorEnv(2, **QUICK, max_episode_steps=2, autoreset_mode=mode), 3)
     make, ahead = env.worlds.episode, np.full((2, 2), 0.1)
     env.worlds.episode = Mock(side_effect=InputError("no world fits"))
 
@@ -299,8 +295,7 @@ def test_a_bank_shares_its_worlds_and_turns_over():
         seen.append(env.episode.discs.tobytes())
         assert len(env.worlds) <= 3
     assert 10 <= len(set(seen)) <= 23  # of 40 episodes; the window has moved by 20
-    other = NavigationEnv(bank={"size": 3, "turnover": 0.5, "seed": 2}, **task)
-    other.reset(seed=0)
+    other = at_start(NavigationEnv(bank={"size": 3, "turnover": 0.5, "seed": 2}, **task))
     assert other.episode.discs.tobytes() not in seen
     still = NavigationEnv(bank={"size": 3, "turnover": 0.0, "seed": 1}, **task)
     few = set()
@@ -513,8 +508,7 @@ CROWDED = QUICK | {"scene": CROWD, "split": "test"}
 
 def test_worlds_with_and_without_movers_share_a_batch():
     """A batch row that goes from a crowd to an empty floor and back is as fresh."""
-    crowd = NavigationEnv(config=SHORT, **CROWDED)
-    crowd.reset(seed=3)
+    crowd = at_start(NavigationEnv(config=SHORT, **CROWDED), 3)
     episode = crowd.episode
     plain = type(episode)(episode.map, episode.start, episode.goal, episode.walls, episode.discs)
     seen = []
@@ -535,8 +529,7 @@ def test_a_narrow_world_is_the_same_given_as_drawn():
     guidance = Mock(side_effect=lambda task: np.stack([task.start, task.goal]), poses=False)
     NavigationEnv(**narrow, guidance=guidance).reset(seed=0)
     guidance.assert_called_once()  # with the radius that passes
-    rows = NavigationVectorEnv(1, **narrow)
-    rows.reset(seed=1)
+    rows = at_start(NavigationVectorEnv(1, **narrow), 1)
     rows.set_next([0], [drawn.episode])
     assert rows._next[0].geodesic.at(drawn.episode.start[:2]) < np.inf
 

@@ -17,7 +17,7 @@ from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 
 from agents.cli import main
 from agents.policies import GymPolicy, make_policy
-from tests.conftest import output_of, refusal
+from tests.conftest import at_start, output_of, refusal
 from wheelchair_gym import InputError
 from wheelchair_gym.actors.records import actor_shapes
 from wheelchair_gym.geometry.planar import to_world
@@ -193,8 +193,7 @@ def test_a_bag_is_judged_again_the_same(drive, tmp_path, capsys):
     for was, is_ in zip(one.states, other.states, strict=True):
         np.testing.assert_equal(is_.reading, was.reading)
         np.testing.assert_equal(is_.truth, was.truth)
-    env = replay_env(other)
-    env.reset(options={"episode": other.episode})
+    at_start(replay_env(other), None, options={"episode": other.episode})
 
 
 def other_robots_bag(folder, turn=1, frames=True, scans=20, stamps=lambda k: 100 * k + 30):
@@ -301,8 +300,7 @@ def recorded(path, scene="empty"):
 def test_a_bag_never_replaces_another(tmp_path, caplog):
     (tmp_path / "run").mkdir()
     (tmp_path / "run-1").write_text("mine")
-    env = recorded(tmp_path / "run.mcap")
-    env.reset(seed=0)
+    env = at_start(recorded(tmp_path / "run.mcap"))
     env.close()
     env.close()
     assert env.file == tmp_path / "run-2" / "run-2.mcap"
@@ -314,8 +312,7 @@ def test_a_bag_never_replaces_another(tmp_path, caplog):
 
 
 def test_a_full_disk_ends_the_bag(tmp_path, caplog, monkeypatch):
-    env = recorded(tmp_path / "run")
-    env.reset(seed=0)
+    env = at_start(recorded(tmp_path / "run"))
     full = OSError(28, "No space left on device")
     monkeypatch.setattr(env._out._bag._bag.storage, "write", Mock(side_effect=full))
     for _ in range(3):
@@ -325,8 +322,7 @@ def test_a_full_disk_ends_the_bag(tmp_path, caplog, monkeypatch):
 
 
 def test_actors_are_markers_that_replace_those_of_before(tmp_path):
-    env = recorded(tmp_path / "run", "crowd")
-    env.reset(seed=1)
+    env = at_start(recorded(tmp_path / "run", "crowd"), 1)
     env.step(np.zeros(2))
     chair, world = env.unwrapped.chair, env.unwrapped.episode
     discs, segments = actor_shapes(world.actors, chair.truth.actor_poses)

@@ -16,7 +16,7 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from agents.cli import main
 from agents.policies import GymPolicy, make_policy
-from tests.conftest import ROOT, refusal
+from tests.conftest import ROOT, at_start, refusal
 from tests.copies import same_fields
 from tests.envs.test_gymnasium import IDS
 from wheelchair_gym import InputError
@@ -270,8 +270,7 @@ class Surveyor(SimulatedChair):
 def test_a_map_that_grows_is_sent_again_slowly_and_kept(tmp_path, monkeypatch):
     chair, file = Surveyor(), tmp_path / "grows.mcap"
     monkeypatch.setattr("wheelchair_gym.recording.record.REFRESH_PERIOD", 0.5)
-    env = RecordEpisodes(NavigationEnv("empty", chair=chair), file)
-    env.reset(seed=0)
+    env = at_start(RecordEpisodes(NavigationEnv("empty", chair=chair), file))
     for _ in range(20):
         env.step(np.zeros(2, np.float32))
     env.close()
@@ -444,8 +443,7 @@ def test_what_was_driven_is_recorded_whatever_wrappers_change(tmp_path):
     )  # fmt: skip
     scaled = gym.wrappers.RescaleAction(inner, np.float32(-2.0), np.float32(2.0))
     negated = gym.wrappers.TransformReward(scaled, lambda reward: -reward)
-    env = RecordEpisodes(negated, tmp_path / "run.mcap")
-    env.reset(seed=0)
+    env = at_start(RecordEpisodes(negated, tmp_path / "run.mcap"))
     rewards, twists, given = [], [], [*[0.0] * 25, 0.5, -1.0, 1e9]
     for turn in given:
         rewards.append(-env.step(np.array([0.0, 2.0 * turn]))[1])
@@ -482,8 +480,7 @@ def test_movers_are_recorded_and_replayed_where_they_were(tmp_path):
     (chapter,) = read_recording(tmp_path / "run.mcap")
     assert same_fields(chapter.episode.actors.rows, actors.rows)
     np.testing.assert_array_equal(chapter.episode.actors.routes, actors.routes)
-    again = replay_env(chapter, "rgb_array")
-    again.reset(options={"episode": chapter.episode})
+    again = at_start(replay_env(chapter, "rgb_array"), None, options={"episode": chapter.episode})
     for action, poses in zip(chapter.actions, seen, strict=True):
         again.step(action)
         np.testing.assert_array_equal(again.chair.truth.actor_poses, poses)

@@ -4,7 +4,7 @@ import dataclasses
 import json
 import shutil
 import sys
-from itertools import islice
+from itertools import chain, islice
 from types import SimpleNamespace
 
 import numpy as np
@@ -28,7 +28,7 @@ from agents.policies import GymPolicy, make_policy
 from agents.policies.learned import BACK, LearnedDriver
 from tests.agents.fakes import infos_of
 from tests.agents.learning.tiny_runs import ENV, random_weights, tiny
-from tests.conftest import ROOT, put, refusal
+from tests.conftest import ROOT, at_start, put, refusal, steps_of
 from wheelchair_gym.base.files import file_digest
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv
@@ -53,16 +53,13 @@ def test_a_driver_sees_the_tracks_that_it_saw_in_training(tmp_path):
     driver, seen = make_policy(str(tmp_path / POLICY)), 0
     policy = GymPolicy(driver, env)
     for seed in range(3):
-        observation, _ = env.reset(seed=seed)
+        begun = env.reset(seed=seed)
         policy.reset()
-        for _ in range(20):
+        for observation, *_ in chain([begun], steps_of(env, np.array([0.1, 0.2]), 19)):
             policy.act(observation)
             tracks = driver.task.observation["tracks"]
             assert tracks == pytest.approx(observation["tracks"], abs=1e-5)
             seen += bool(tracks.any())
-            observation, _, terminated, truncated, _ = env.step(np.array([0.1, 0.2]))
-            if terminated or truncated:
-                break
     assert seen > 10
 
 
@@ -75,9 +72,9 @@ def test_a_driver_sees_and_acts_as_in_training(trained):
     policy, network = make_policy(str(folder / POLICY)), Network(load_weights(folder / POLICY))
     maximum = {True: 0.0, False: 0.0}
     for seed in range(8):
-        observation, _ = env.reset(seed=seed)
+        begun = env.reset(seed=seed)
         policy.reset(env.mission)
-        for _ in range(40):
+        for observation, *_ in chain([begun], steps_of(env, np.array([1.0, 0.1]), 39)):
             command = policy.act(env.reading)
             flat = np.concatenate([observation[key] for key in env.task.spaces])
             assert policy.observation == pytest.approx(flat, abs=1e-6)
@@ -86,9 +83,6 @@ def test_a_driver_sees_and_acts_as_in_training(trained):
             maximum[env.task.is_shielded] = max(
                 maximum[env.task.is_shielded], abs(observation["shield"][1])
             )
-            observation, _, terminated, truncated, _ = env.step(np.array([1.0, 0.1]))
-            if terminated or truncated:
-                break
     assert maximum[True] > 0.1
     assert maximum[False] == 0.0
     assert run.layout.size == len(flat) + 3
@@ -117,14 +111,12 @@ def test_a_driver_is_told_what_was_withheld_in_all_the_time_since_it_acted(folde
 
 
 def test_a_driver_holds_its_action_where_control_is_faster(folder):
-    env = NavigationEnv("clutter", rate=10.0, split="test")
-    env.reset(seed=0)
+    env = at_start(NavigationEnv("clutter", rate=10.0, split="test"))
     policy = {"name": str(folder / POLICY)}
     actions = np.array([env.task.action for _ in islice(infos_of(env, policy), 8)])
     assert np.array_equal(actions[::2], actions[1::2])
     assert len(np.unique(actions, axis=0)) == 4
-    env = NavigationEnv("clutter", rate=4.0, split="test")
-    env.reset(seed=0)
+    env = at_start(NavigationEnv("clutter", rate=4.0, split="test"))
     with pytest.raises(InputError, match="the policy acts at 5 Hz, the environment at 4 Hz"):
         make_policy(policy).reset(env.mission)
 
@@ -383,8 +375,7 @@ def test_a_chair_with_fewer_sensors_learns_and_drives(sensors, tmp_path):
 
 def test_a_chair_that_stays_at_a_place_backs_out_if_it_is_impatient(monkeypatch):
     monkeypatch.setattr("agents.policies.learned.BACKING", 1.0)
-    env = NavigationEnv("clutter", rate=5.0, pose_source="modelled", split="test")
-    env.reset(seed=0)
+    env = at_start(NavigationEnv("clutter", rate=5.0, pose_source="modelled", split="test"))
     first = env.mission.reading
     for patience in (0.0, 2.0):
         policy = make_policy({"name": "ppo_guided", "patience": patience})

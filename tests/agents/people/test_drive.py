@@ -13,7 +13,7 @@ from agents.cli.arguments import spec
 from agents.people import drive
 from agents.people.recorded_stick import open_loop
 from agents.policies import make_policy
-from tests.conftest import until
+from tests.conftest import at_start, until
 from tests.hardware.hosted import Hosted
 from tests.sim.worlds import box
 from wheelchair_gym.envs.settings import env_settings
@@ -26,8 +26,6 @@ from wheelchair_gym.recording.record import RecordEpisodes
 from wheelchair_gym.recording.replay import read_recording, replay_env
 from wheelchair_gym.safety.stops import BY_HAND, NO_STICK, NOT_HELD, OFF_CENTRE
 from wheelchair_gym.types import Command, Stick
-
-pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
 
 RATE = 20.0
 HELD = JoystickState(dead_man=True)
@@ -131,8 +129,7 @@ def test_a_drive_on_the_chair_is_recorded_and_its_assistant_answers_the_same_aga
     (recorded,) = read_recording(tmp_path / "drive.mcap")
     assert recorded.labels == {"assistant": "slide", "interface": "board"}
     assert recorded.states[60].reading.stick == Stick(1.0, 0.0, False)
-    env = replay_env(recorded)
-    env.reset(options={"episode": recorded.episode})
+    env = at_start(replay_env(recorded), None, options={"episode": recorded.episode})
     for action, verdict in zip(recorded.actions, recorded.verdicts, strict=True):
         _, reward, _, _, info = env.step(action)
         assert reward == verdict["reward"]
