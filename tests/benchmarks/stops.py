@@ -102,8 +102,7 @@ def stop(name, number):
     hosted = Hosted(box(50.0), chair=chair, period=PERIOD)
     hosted.chair.reset(None, 0)
     target = np.array([TOP, 0.0])
-    for _ in range(30):
-        hosted.chair.drive(target)
+    hosted.drive_for(30, target)
     at = hosted.clock.now() + 0.2 + round(float(rng.uniform(0.0, PERIOD)), 3)
     onlooker = Onlooker(hosted, cause, at)
     hosted.clock.call_every(onlooker.look_on, 0.001, "onlooker")

@@ -3,7 +3,7 @@
 import numpy as np
 
 from tests.hardware.conftest import build_twin
-from tests.sim.worlds import box
+from tests.sim.worlds import box, drive_for
 from wheelchair_gym.hardware.settings import HardwareSettings
 from wheelchair_gym.hardware.twin.inprocess import TwinChair
 from wheelchair_gym.hardware.twin.lockstep import Twin
@@ -38,9 +38,7 @@ class Hosted(TwinChair):
 
     def drive_for(self, periods, twist=AHEAD):
         """The last reading of as many periods."""
-        for _ in range(periods):
-            reading = self.chair.drive(twist)
-        return reading
+        return drive_for(self.chair, twist, periods)
 
     def close(self):
         super().close()

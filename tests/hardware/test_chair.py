@@ -8,7 +8,7 @@ import pytest
 
 from tests.hardware.bench import ibus
 from tests.hardware.hosted import AHEAD
-from tests.sim.worlds import box, step
+from tests.sim.worlds import box, drives, step
 from wheelchair_gym import InputError
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.geometry.kinematics import DriveGeometry
@@ -417,11 +417,9 @@ def test_the_joystick_at_the_board_goes_before_the_host(hosted):
 def test_a_strip_is_told_and_stops_it(host):
     """Into a wall: the board stops the chair, and the next reading says bumped."""
     hosted = host(box(1.2))
-    chair, bumped = hosted.chair, False
+    chair = hosted.chair
     chair.reset(None, 0)
-    for _ in range(25):
-        bumped |= chair.drive(AHEAD).bumped
-    assert bumped
+    assert any([reading.bumped for reading in drives(chair, AHEAD, 25)])
     assert chair.truth.touched
     assert speed(hosted) < 2e-3
 
@@ -515,8 +513,7 @@ def test_odometry_is_moved_on_and_survives_wraps_and_resets():
 def test_all_reports_about_the_wheels_are_kept_with_their_times(hosted):
     """At 50 Hz, by the host's clock; scans carry the time at which they were made."""
     chair, rows = begun(hosted), [hosted.chair.wheels]
-    for _ in range(20):
-        reading = chair.drive(AHEAD)
+    for reading in drives(chair, AHEAD, 20):
         rows.append(chair.wheels)
         assert len(rows[-1]) == 5
         assert 0.0 <= reading.stamp - chair.scan_stamps[0] < 0.05

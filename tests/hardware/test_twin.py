@@ -8,7 +8,7 @@ import pytest
 from tests.benchmarks import bounds, drive_faults
 from tests.hardware.conftest import build, build_twin
 from tests.hardware.pilot import PERIOD, Pilot
-from tests.sim.worlds import box, exact_chair, placed
+from tests.sim.worlds import box, drives, exact_chair, placed
 from wheelchair_gym.actors.records import NOBODY, person
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.hardware.boards.protocol import (
@@ -389,8 +389,7 @@ def test_people_walk_in_the_twin_as_they_do_in_simulation(pilot):
     chair.reset(world, 0)
     pilot.twin.reset(world, 0)
     apart, seen = [], []
-    for _ in range(40):
-        reading = chair.drive(np.zeros(2))
+    for reading in drives(chair, np.zeros(2), 40):
         pilot.run(0.1)
         twins = pilot.twin.plant.chair.chairs.worlds[0].actor_poses()
         apart.append(np.hypot(*(twins - chair.truth.actor_poses)[0, :2]))
