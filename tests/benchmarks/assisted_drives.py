@@ -33,6 +33,7 @@ from agents.evaluation.tables import exists, markdown_table
 from agents.people import ASSISTANTS, make_assistant
 from agents.people.assistant import AssistMission
 from tests.attacks import REAR
+from tests.benchmarks.lattice import HOME
 from wheelchair_gym.base.arrays import Array, Floats, Mask
 from wheelchair_gym.base.settings import dump
 from wheelchair_gym.envs import NavigationVectorEnv
@@ -43,13 +44,10 @@ from wheelchair_gym.types import Reading, Stick
 
 SCENES = {
     "floor_plan": "floor_plan",
-    "home": {
-        "name": "floor_plan", "kind": "home", "door_width": [0.9, 1.1],
-        "corridor_width": [1.1, 1.6],
-    },
+    "home": HOME,
     "clutter": "clutter",
     "crowd": "crowd",
-}  # fmt: skip
+}
 NEW = np.zeros(8, np.float32)  # s: age of ultrasonic ranges, which no assistant looks at
 KEY = ("driver", "scene", "assist", "seed", "number")
 TIMES = 4.0  # times the time of `expert` in which a drive has to arrive
