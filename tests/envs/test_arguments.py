@@ -9,7 +9,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from tests.conftest import ROOT, put
+from tests.conftest import ROOT, at_start, put
 from wheelchair_gym.base.settings import InputError, dump, load, read_json
 from wheelchair_gym.envs import EnvSettings, NavigationEnv, NavigationVectorEnv
 from wheelchair_gym.envs.settings import env_settings
@@ -165,8 +165,7 @@ def test_a_chair_is_chosen_by_its_name():
     for base in (None, ten):
         assert env_settings(base, model="thesis") == EnvSettings()
     assert load(EnvSettings, dump(made), "env") == made
-    env = gym.make("wheelchair_gym/Navigation-v1", scene="empty", model="rear")
-    env.reset(seed=0)
+    env = at_start(gym.make("wheelchair_gym/Navigation-v1", scene="empty", model="rear"))
     assert env.unwrapped.reading.laser.shape == (1081 + 541,)
     assert env_settings("configs/hardware.json", model="rear").sensors.looks_back
     with pytest.raises(InputError, match=r"config.sensors.more_lasers: expected none"):

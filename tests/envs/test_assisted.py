@@ -5,7 +5,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from agents.policies import GymPolicy, make_policy
-from tests.conftest import long_but
+from tests.conftest import at_start, long_but, steps_of
 from tests.copies import differences
 from tests.envs.test_vector import NEXT, SAME, compare
 from tests.laws.test_addresses import Told
@@ -68,15 +68,12 @@ def test_the_stick_is_observed_with_its_history():
     env = NavigationEnv(**SMALL, driver="expert")
     observation, _ = env.reset(seed=0)
     before = [np.zeros(2)] * 4
-    for _ in range(20):
-        observation, _, terminated, truncated, _ = env.step(np.array([0.2, 0.0]))
+    for observation, *_ in steps_of(env, np.array([0.2, 0.0]), 20):
         stick = env.reading.stick
         now = np.array([stick.forward, stick.left])
         expected = np.concatenate([now, [stick.latched], *before]).astype(np.float32)
         assert np.array_equal(observation["stick"], expected)
         before = [now, *before[:3]]
-        if terminated or truncated:
-            break
     assert any(each.any() for each in before)
 
 
@@ -124,8 +121,7 @@ def test_a_drive_is_that_of_the_policy(assistant):
 
 
 def test_a_residual_is_added_to_the_assistant_and_rest_stays_rest():
-    env = NavigationEnv(**SMALL, driver="expert", assistant="shield")
-    env.reset(seed=0)
+    env = at_start(NavigationEnv(**SMALL, driver="expert", assistant="shield"))
     for _ in range(20):
         stick = env.task.stick
         env.step(np.array([-1.0, 0.5]))
@@ -139,8 +135,7 @@ def test_a_residual_is_added_to_the_assistant_and_rest_stays_rest():
 
 
 def test_a_localized_chair_has_a_person_too():
-    env = NavigationEnv("floor_plan", driver="expert", pose_source="mcl")
-    env.reset(seed=0)
+    env = at_start(NavigationEnv("floor_plan", driver="expert", pose_source="mcl"))
     for _ in range(12):
         env.step(np.array(env.task.stick[:2]))
     assert env.task.stick.forward > 0.0
@@ -165,8 +160,7 @@ def test_each_episode_draws_one_of_several_people():
         drawn.add(several.drivers.people.index(person))
         assert several.labels["interface"] == person.interface.kind
         if seed < 3:
-            alone = NavigationEnv(**SMALL, driver=person)
-            alone.reset(seed=seed)
+            alone = at_start(NavigationEnv(**SMALL, driver=person), seed)
             for _ in range(30):
                 ours, theirs = several.step(np.zeros(2)), alone.step(np.zeros(2))
                 assert not list(differences(ours, theirs))

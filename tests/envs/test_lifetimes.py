@@ -8,7 +8,7 @@ import weakref
 import numpy as np
 import pytest
 
-from tests.conftest import ROOT
+from tests.conftest import ROOT, at_start
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
 from wheelchair_gym.maps import Geodesic
 from wheelchair_gym.task.prepared_episode import PreparedEpisode
@@ -34,8 +34,7 @@ def end_episodes(env, n):
 
 def test_a_row_that_falls_behind_does_not_keep_all_later_worlds():
     before, size = count_worlds(), 8
-    env = NavigationVectorEnv(ROWS, bank={"size": size, "turnover": 1.0}, **QUICK)
-    env.reset(seed=0)
+    env = at_start(NavigationVectorEnv(ROWS, bank={"size": size, "turnover": 1.0}, **QUICK))
     for _ in range(3):
         end_episodes(env, 50)
         assert len(env.worlds) <= size + 1

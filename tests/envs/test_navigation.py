@@ -150,8 +150,7 @@ def test_progress_sums_to_the_way_that_was_covered():
     env = gym.make(IDS[0], noise=False).unwrapped
     env.reset(seed=0, options={"episode": room((-2.0, 0.0, 0.0), (2.0, 0.0, 0.0))})
     total = 0.0
-    for _ in range(40):
-        *_, info = env.step(np.array([1.0, 0.0]))
+    for *_, info in steps_of(env, np.array([1.0, 0.0]), 40):
         total += info["reward_terms"]["progress"]
     assert total == pytest.approx(0.125 * (info["pose"][0] + 2.0), rel=0.02)
 
@@ -164,14 +163,11 @@ def test_what_a_shield_withholds_is_a_term_of_the_reward():
         env = gym.make(IDS[0], config={"task": task}, shield=shield, pose_source="truth")
         env.reset(seed=0, options=world)
         costs, taken = [], []
-        for _ in range(60):
-            _, _, ended, _, info = env.step(np.array([1.0, 0.2]))
+        for *_, info in steps_of(env, np.array([1.0, 0.2]), 60):
             costs.append(info["reward_terms"]["shield_intervention"])
             if shield:
                 less = np.subtract(info["shield"]["asked"], info["shield"]["given"])
                 taken.append(-0.5 * np.hypot(less[0] / 0.8, less[1] / 1.0))
-            if ended:
-                break
         if shield:
             assert costs == pytest.approx(taken, abs=1e-12)
             assert min(costs) < -0.1
@@ -199,16 +195,13 @@ def test_a_policy_may_see_whether_it_is_shielded_and_what_was_withheld():
     for seed in range(20):
         observation, _ = env.reset(seed=seed)
         assert observation["shield"][1:].tolist() == [0.0, 0.0]
-        for _ in range(40):
-            observation, *_, info = env.step(np.array([1.0, 0.3]))
+        for observation, *_, info in steps_of(env, np.array([1.0, 0.3]), 40):
             guarded, *withheld = observation["shield"]
             told = info["shield"]
             assert guarded == task.is_shielded == told["asked"].any()
             less = (told["asked"] - told["given"]) / (task.limits.forward, task.limits.turn)
             assert withheld == pytest.approx(less, abs=1e-6)
             seen[task.is_shielded] = max(seen[task.is_shielded], abs(withheld[0]))
-            if not env.unwrapped._running:
-                break
     env.close()
     assert seen[True] > 0.5
     assert seen[False] == 0.0

@@ -5,7 +5,7 @@ import pytest
 
 from agents.evaluation.evaluate import drive_episode
 from agents.policies import make_policy
-from tests.conftest import ROOT
+from tests.conftest import ROOT, at_start
 from tests.copies import differences
 from wheelchair_gym.base.settings import dump
 from wheelchair_gym.envs import NavigationEnv
@@ -72,8 +72,7 @@ def test_a_chair_of_another_class_drives_itself():
             return super().drive(twist, protective)
 
     chair = Counting()
-    env = NavigationEnv("empty", bank=BANK, chair=chair)
-    env.reset(seed=0)
+    env = at_start(NavigationEnv("empty", bank=BANK, chair=chair))
     env.step(np.zeros(2))
     assert chair.drives == 1
 
@@ -113,8 +112,7 @@ def test_what_was_handed_out_is_never_written_again():
 
 
 def test_memory_is_used_again_once_nobody_holds_what_it_shows():
-    env = NavigationEnv("empty", beams=16, bank=BANK)
-    env.reset(seed=0)
+    env = at_start(NavigationEnv("empty", beams=16, bank=BANK))
     addresses = set()
     for _ in range(100):
         observation = env.step(np.zeros(2))[0]
@@ -166,8 +164,7 @@ def test_it_drives_behind_its_shield():
 
 
 def test_a_picture_shows_each_scan_from_its_own_place():
-    env = NavigationEnv(config=FILE, shield=False, split="test")
-    env.reset(seed=1)
+    env = at_start(NavigationEnv(config=FILE, shield=False, split="test"), 1)
     s, reading = env.settings, env.reading
     view = TopView(env.episode, s.chair.footprint, s.chair.drive, s.sensors)
     whole = view.draw(env.episode.start, reading)
@@ -178,8 +175,7 @@ def test_a_picture_shows_each_scan_from_its_own_place():
 
 
 def test_a_localizer_uses_the_first_scanner():
-    env = NavigationEnv(config=FILE, pose_source="mcl", split="test")
-    env.reset(seed=0)
+    env = at_start(NavigationEnv(config=FILE, pose_source="mcl", split="test"))
     for _ in range(10):
         env.step(np.array([0.3, 0.1]))
     off = env.reading.pose - env.chair.truth.pose
