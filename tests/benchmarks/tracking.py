@@ -41,6 +41,7 @@ VISIBLE = 0.5  # share of a person's beams that must reach them
 MOVES = 0.2  # m/s
 ABREAST = 0.8  # m between people of a group (Moussaid et al. 2010)
 HIDDEN = 1.5  # s: a person hidden for no longer should be recognised again
+STILL = np.zeros(2)
 NEAR = 0.6  # m: a track so near a person's centre is theirs
 
 
@@ -59,6 +60,20 @@ class Wander:
             self._turn = float(self._rng.choice((-0.6, 0.6)))
             self._until = reading.stamp + float(self._rng.uniform(1.0, 4.0))
         return np.array([0.8, 0.4 * math.sin(0.9 * reading.stamp)])
+
+
+def wandered(
+    episode: Episode, seed: int, periods: int, sensors: SensorSettings, period: float = 0.1,
+    moves: bool = True,
+) -> Iterator[tuple[SimulatedChair, Reading]]:  # fmt: skip
+    """Let a chair wander behind its shield, or stand; yield it with each reading."""
+    chair = SimulatedChair(sensors=sensors, period=period)
+    shield, wander = Shield(sensors=sensors, period=period), Wander(seed)
+    reading = chair.reset(episode, seed)
+    for _ in range(periods):
+        yield chair, reading
+        held = shield.decision.reason != ""
+        reading = step(chair, shield, wander.twist(reading, held) if moves else STILL, reading)
 
 
 def shares_seen(episode: Episode, poses: Array, origin: Array, scan: Array, laser: Any) -> Array:
@@ -128,14 +143,11 @@ def watch(
     sensors: SensorSettings, static_map: OccupancyGrid | None,
 ) -> None:  # fmt: skip
     """Drive or park a chair in a world, and score its tracker."""
-    chair = SimulatedChair(sensors=sensors, period=period)
-    shield, wander = Shield(sensors=sensors, period=period), Wander(seed)
-    tracker = Tracker(sensors.laser)
-    reading, laser = chair.reset(episode, seed), sensors.laser
+    tracker, laser = Tracker(sensors.laser), sensors.laser
     kinds = episode.actors.rows["kind"]
     log: list[tuple[Any, ...]] = []
-    held = False
-    for _ in range(round(seconds / period)):
+    drive = wandered(episode, seed, round(seconds / period), sensors, period, moves)
+    for chair, reading in drive:
         tracks = tracker.update(
             reading.laser[: laser.beams], reading.pose, reading.twist, reading.stamp, static_map
         )
@@ -146,9 +158,6 @@ def watch(
         origin = np.array([*to_world(np.array([laser.x, laser.y]), truth.pose), truth.pose[2]])
         seen = shares_seen(episode, truth.actor_poses, origin, reading.laser, laser)
         log.append((reading.stamp, tracks, place, velocity, truth.actor_poses, origin, seen))
-        twist = wander.twist(reading, held) if moves else np.zeros(2)
-        reading = step(chair, shield, twist, reading)
-        held = shield.decision.reason != ""
     score_log(score, log, kinds, episode, period)
 
 
@@ -413,13 +422,7 @@ def measure_cost() -> dict[str, float]:
     out = {}
     for beams in (1081, 181, 64):
         sensors: Any = SensorSettings(laser=LaserSettings(beams=beams), pose_source="odometry")
-        episode = scene(GROUPS)(0)
-        chair, shield, wander = SimulatedChair(sensors=sensors), Shield(sensors=sensors), Wander(0)
-        reading, readings = chair.reset(episode, 0), []
-        for _ in range(200):
-            readings.append(reading)
-            twist = wander.twist(reading, shield.decision.reason != "")
-            reading = step(chair, shield, twist, reading)
+        readings = [reading for _, reading in wandered(scene(GROUPS)(0), 0, 200, sensors)]
         times = []
         for _ in range(7):
             state = np.zeros(1, TRACKER)

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from tests.benchmarks.tracking import Wander, measure_log
+from tests.benchmarks.tracking import measure_log, wandered
 from tests.copies import same_fields
-from tests.sim.worlds import box, cluttered, step
+from tests.sim.worlds import box, cluttered
 from wheelchair_gym.actors.records import NOBODY, door, person
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.compiled.kernel import borrowing_kernel
@@ -16,7 +16,6 @@ from wheelchair_gym.geometry.planar import to_world
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid
 from wheelchair_gym.perception import track_state
 from wheelchair_gym.perception.tracker import Tracker, point_to_trackers, update, update_tracker
-from wheelchair_gym.safety import Shield
 from wheelchair_gym.sensors.laser import WORKSPACE_ROWS, LaserArrays, sense_laser
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 from wheelchair_gym.sim.chair import SimulatedChair
@@ -80,14 +79,10 @@ def test_a_walker_is_confirmed_soon_as_a_person_with_their_speed(speed):
 @pytest.mark.parametrize("seed", range(4))
 def test_nothing_is_confirmed_where_nothing_moves(seed):
     sensors = SensorSettings(pose_source="odometry")
-    chair, shield, tracker = SimulatedChair(sensors=sensors), Shield(), Tracker()
-    wander = Wander(seed)
-    reading, way = chair.reset(cluttered(seed), seed), 0.0
-    for _ in range(200):
+    tracker, way = Tracker(), 0.0
+    for _, reading in wandered(cluttered(seed), seed, 200, sensors):
         tracks = tracker.update(reading.laser, reading.pose, reading.twist, reading.stamp)
         assert not tracks.confirmed.any()
-        twist = wander.twist(reading, shield.decision.reason != "")
-        reading = step(chair, shield, twist, reading)
         way += 0.1 * float(np.abs(reading.twist).max())
     assert way > 2.0
 
@@ -96,18 +91,14 @@ def test_nothing_is_confirmed_where_nothing_moves(seed):
 def test_twists_that_come_late_are_corrected_by_what_stands(seed):
     """Else everything static would move while the chair changes its speed."""
     sensors = SensorSettings(pose_source="truth")
-    chair, shield, tracker = SimulatedChair(sensors=sensors), Shield(), Tracker()
-    wander = Wander(seed)
-    reading = chair.reset(cluttered(seed), seed)
-    before, off, plain, pose = np.zeros(2), [], [], np.zeros(3)
-    for k in range(200):
+    tracker, before, off, plain, pose = Tracker(), np.zeros(2), [], [], np.zeros(3)
+    for k, (_, reading) in enumerate(wandered(cluttered(seed), seed, 200, sensors)):
         tracks = tracker.update(reading.laser, reading.pose, before, reading.stamp)
         assert not tracks.confirmed.any()
         pose = np.array(arc_step(*pose, *before, 0.1)) if k else pose
         off.append(np.hypot(*(tracker.state["pose"][0] - reading.pose)[:2]))
         plain.append(np.hypot(*(pose - reading.pose)[:2]))
-        given = shield.filter(wander.twist(reading, shield.decision.reason != ""), reading)
-        before, reading = reading.twist, chair.drive(given, shield.decision.protective)
+        before = reading.twist
     assert max(off) < 0.06
     assert max(plain) > 2.0 * max(off)
 
