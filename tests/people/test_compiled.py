@@ -12,19 +12,7 @@ from tests.agents.fakes import reading
 from wheelchair_gym.envs import NavigationVectorEnv
 from wheelchair_gym.geometry.kinematics import arc_step
 from wheelchair_gym.geometry.outline import Footprint, signed_gap
-from wheelchair_gym.people.assistance import COMPILED, make_compiled
-from wheelchair_gym.people.assistance.methods import (
-    HEADING_WEIGHT,
-    SPEED_WEIGHT,
-    SPEEDS,
-    STEP,
-    STEPS,
-    TURNS,
-    follow_arc,
-    nearest_twist,
-    time_to_stop,
-    write_constraints,
-)
+from wheelchair_gym.people.assistance import COMPILED, make_compiled, methods
 from wheelchair_gym.people.assistance.state import DOCKING_MARGIN, Freedom
 from wheelchair_gym.people.assistance.step import KINDS, Assistants
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
@@ -141,22 +129,26 @@ def followed(points, v, w, margin, maximum):
     """`follow_arc`, pose by pose."""
     n = len(points)
     minimum, clear = signed_gap(points, n, OUTLINE, 0.0, 0.0, 0.0), maximum
-    for k in range(STEPS):
-        gap = signed_gap(points, n, OUTLINE, *arc_step(0.0, 0.0, 0.0, v, w, STEP * (k + 1)))
+    for k in range(methods.STEPS):
+        gap = signed_gap(points, n, OUTLINE, *arc_step(0.0, 0.0, 0.0, v, w, methods.STEP * (k + 1)))
         if gap < margin and gap < minimum:
             return k, clear
         minimum, clear = min(margin, gap), min(clear, gap)
-    return STEPS, clear
+    return methods.STEPS, clear
 
 
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 10_000), deflections, deflections, st.sampled_from([0.0, 0.03, 0.2]))
 def test_poses_that_are_left_out_do_not_matter(seed, v, w, margin):
     points = np.random.default_rng(seed).uniform(-3.0, 3.0, (30, 2))
-    given_ = follow_arc(points, OUTLINE, v, w, STEP, STEPS, margin, 0.1, -math.inf)
+    given_ = methods.follow_arc(
+        points, OUTLINE, v, w, methods.STEP, methods.STEPS, margin, 0.1, -math.inf
+    )
     assert given_ == followed(points, v, w, margin, 0.1)
     nothing = np.empty((0, 2))
-    assert follow_arc(nothing, OUTLINE, v, w, STEP, STEPS, margin, 0.1, -math.inf) == (STEPS, 0.1)
+    assert methods.follow_arc(
+        nothing, OUTLINE, v, w, methods.STEP, methods.STEPS, margin, 0.1, -math.inf
+    ) == (methods.STEPS, 0.1)
 
 
 @settings(max_examples=60, deadline=None)
@@ -169,18 +161,18 @@ def test_the_shared_dynamic_window_finds_the_least_cost(seed, forward, left):
 
     def cost(v, w):
         free, clear = followed(points, v, w, state["margin"], config.enough)
-        needed = time_to_stop(v, w, LIMITS.deceleration, 0.1)
-        if free < STEPS and free * STEP < needed:
+        needed = methods.time_to_stop(v, w, LIMITS.deceleration, 0.1)
+        if free < methods.STEPS and free * methods.STEP < needed:
             return math.inf
-        off = HEADING_WEIGHT * abs(w - to_w) * STEP * STEPS / math.pi
-        off += SPEED_WEIGHT * abs(v - to_v) / max(abs(to_v), 1e-9)
+        off = methods.HEADING_WEIGHT * abs(w - to_w) * methods.STEP * methods.STEPS / math.pi
+        off += methods.SPEED_WEIGHT * abs(v - to_v) / max(abs(to_v), 1e-9)
         share = max(0.0, clear) / config.enough
         return 1.0 - share + share * off
 
     every = [
-        cost(to_v * i / (SPEEDS - 1), to_w + turn * (2.0 * j / (TURNS - 1) - 1.0))
-        for i in range(SPEEDS)
-        for j in range(TURNS)
+        cost(to_v * i / (methods.SPEEDS - 1), to_w + turn * (2.0 * j / (methods.TURNS - 1) - 1.0))
+        for i in range(methods.SPEEDS)
+        for j in range(methods.TURNS)
     ]
     minimum = min(every)
     if math.isinf(minimum):
@@ -195,7 +187,7 @@ def test_no_constraint_of_slide_is_violated(seed, forward, left):
     row, config = row_of("slide"), make_compiled("slide")
     row.update(Stick(forward, left, False), reading(scan_of(seed, 0.2)))
     state, rows = row.states[0], np.empty((200, 3))
-    n = write_constraints(points_of(row), OUTLINE, state["margin"], config.latency, rows)
+    n = methods.write_constraints(points_of(row), OUTLINE, state["margin"], config.latency, rows)
     assert (rows[:n, :2] @ state["twist"] <= rows[:n, 2] + 1e-8).all()
 
 
@@ -240,7 +232,7 @@ def test_help_does_not_shut_a_door_of_eighty_centimetres(name):
 )
 def test_no_point_that_fits_is_nearer(rows, asked, weight):
     rows = np.array(rows)
-    v, w = nearest_twist(rows, len(rows), asked, (1.0, weight))
+    v, w = methods.nearest_twist(rows, len(rows), asked, (1.0, weight))
     assert (rows[:, :2] @ (v, w) <= rows[:, 2] + 1e-6).all()
     cost = (v - asked[0]) ** 2 + weight * (w - asked[1]) ** 2
     grid = np.stack(np.meshgrid(*2 * [np.linspace(-1.2, 1.2, 61)]), -1).reshape(-1, 2)
@@ -253,7 +245,7 @@ def test_no_point_that_fits_is_nearer(rows, asked, weight):
 @pytest.mark.parametrize("twist", [(0.5, 0.0), (0.0, 0.8), (-0.2, 0.4), (0.4, -0.7)])
 def test_a_constraint_is_the_rate_at_which_the_distance_shrinks(point, twist):
     points, rows = np.array([point]), np.empty((1, 3))
-    assert write_constraints(points, OUTLINE, 0.0, 0.2, rows) == 1
+    assert methods.write_constraints(points, OUTLINE, 0.0, 0.2, rows) == 1
     step = 1e-6
     before = signed_gap(points, len(points), OUTLINE, 0.0, 0.0, 0.0)
     after = signed_gap(points, len(points), OUTLINE, *arc_step(0.0, 0.0, 0.0, *twist, step))
@@ -264,7 +256,7 @@ def test_a_constraint_is_the_rate_at_which_the_distance_shrinks(point, twist):
 def test_the_chair_stops_within_the_distance(distance, margin):
     rows = np.empty((1, 3))
     points = np.array([[OUTLINE[0] + distance, 0.0]])
-    write_constraints(points, OUTLINE, margin, 0.2, rows)
+    methods.write_constraints(points, OUTLINE, margin, 0.2, rows)
     speed = rows[0, 2]
     assert speed >= 0.0
     room = max(0.0, distance - margin)

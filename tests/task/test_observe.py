@@ -10,19 +10,9 @@ from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.geometry.planar import to_frame
 from wheelchair_gym.perception.tracker import Tracker
 from wheelchair_gym.sensors.settings import LaserSettings
+from wheelchair_gym.task import observations
 from wheelchair_gym.task import side_clearance as gaps
 from wheelchair_gym.task.assessment import PROGRESS, TRAIL_POINTS
-from wheelchair_gym.task.observations import (
-    PRIVILEGED,
-    TRACK_REACH,
-    TRACK_SPEED,
-    TRAIL_SPACING,
-    extend_trail,
-    observed_range,
-    pool_beams,
-    reset_trail,
-    write_trail,
-)
 from wheelchair_gym.task.side_clearance import fan_poses, side_clearance
 
 
@@ -37,10 +27,10 @@ def test_pooling_is_the_nearest_of_equal_groups(beams, groups):
         for odd in (np.inf, -np.inf, np.nan, 0.0):
             scan[rng.random(beams) < 0.05] = odd
         out = np.empty(groups, np.float32)
-        assert pool_beams(scan, 10.0, out) == np.isfinite(scan).sum()
+        assert observations.pool_beams(scan, 10.0, out) == np.isfinite(scan).sum()
         edges = np.arange(groups + 1) * beams // groups
         expected = [
-            min(observed_range(float(r), 10.0) for r in scan[a:b])
+            min(observations.observed_range(float(r), 10.0) for r in scan[a:b])
             for a, b in itertools.pairwise(edges)
         ]
         assert out.tolist() == np.float32(expected).tolist()
@@ -153,11 +143,11 @@ def expected(tracks, pose):
     place = to_frame(tracks.place, pose)
     velocity = to_frame(tracks.velocity, np.array([0.0, 0.0, pose[2]]))
     far = np.hypot(*place.T)
-    chosen = np.flatnonzero(tracks.confirmed & (far <= TRACK_REACH))
+    chosen = np.flatnonzero(tracks.confirmed & (far <= observations.TRACK_REACH))
     chosen = chosen[np.argsort(far[chosen])][:MAXIMUM]
     rows = np.column_stack([np.ones(len(chosen)), place[chosen], velocity[chosen]])
     out[: len(chosen)] = rows
-    out[:, 3:] = out[:, 3:].clip(-TRACK_SPEED, TRACK_SPEED)
+    out[:, 3:] = out[:, 3:].clip(-observations.TRACK_SPEED, observations.TRACK_SPEED)
     return out
 
 
@@ -187,7 +177,7 @@ OPEN = {"name": "empty", "size": (12.0, 12.0), "start": (6.0, 6.0, 0.0), "goal":
 
 def seen(own, pose, ways):
     out = np.empty(2 * len(ways), np.float32)
-    write_trail(own, np.array(pose), np.array(ways), out)
+    observations.write_trail(own, np.array(pose), np.array(ways), out)
     return out.reshape(-1, 2)
 
 
@@ -195,30 +185,30 @@ def test_a_trail_follows_the_way_and_its_last_16_m():
     own = np.zeros(1, PROGRESS)[0]
     along = np.arange(0.0, 30.0, 0.16)
     poses = np.stack([4.0 * np.cos(along / 4.0), 4.0 * np.sin(along / 4.0), along / 4.0], axis=-1)
-    reset_trail(own, poses[0])
+    observations.reset_trail(own, poses[0])
     for k, pose in enumerate(poses):
-        extend_trail(own, pose)
+        observations.extend_trail(own, pose)
         ways = [0.0, 1.0, 5.0, 15.0]
         for way, place in zip(ways, seen(own, pose, ways), strict=True):
             ago = max(0.0, along[k] - way)
             was = [np.interp(ago, along, poses[:, i]) for i in range(2)]
-            assert place == pytest.approx(to_frame(was, pose), abs=1.1 * TRAIL_SPACING)
+            assert place == pytest.approx(to_frame(was, pose), abs=1.1 * observations.TRAIL_SPACING)
     assert own["n_trail"] > TRAIL_POINTS
 
 
 def test_a_pose_that_trembles_leaves_no_trail():
     own, rng = np.zeros(1, PROGRESS)[0], np.random.default_rng(0)
-    reset_trail(own, np.zeros(3))
+    observations.reset_trail(own, np.zeros(3))
     for _ in range(1000):
-        extend_trail(own, rng.normal(0.0, 0.03, 3))
+        observations.extend_trail(own, rng.normal(0.0, 0.03, 3))
     assert own["n_trail"] == 1
 
 
 @pytest.mark.parametrize("jump", [np.nan, np.inf, 1e300, 100.0])
 def test_a_pose_that_jumps_or_is_lost_ends_nothing(jump):
     own = np.zeros(1, PROGRESS)[0]
-    reset_trail(own, np.zeros(3))
-    extend_trail(own, np.array([jump, 0.0, 0.0]))
+    observations.reset_trail(own, np.zeros(3))
+    observations.extend_trail(own, np.array([jump, 0.0, 0.0]))
     assert own["n_trail"] <= TRAIL_POINTS + 1
 
 
@@ -248,7 +238,7 @@ def test_what_is_hidden_is_what_a_guided_policy_is_shown():
     guided, hide_guidance = make(), make(hide_guidance=True)
     rng = np.random.default_rng(0)
     shown, hidden = guided.reset(seed=3)[0], hide_guidance.reset(seed=3)[0]
-    assert list(hide_guidance.task.spaces)[-3:] == list(PRIVILEGED)
+    assert list(hide_guidance.task.spaces)[-3:] == list(observations.PRIVILEGED)
     for _ in range(6):
         assert "path" not in hidden
         assert hide_guidance.observation_space.contains(hidden)
@@ -263,7 +253,7 @@ def test_what_is_hidden_is_what_a_guided_policy_is_shown():
 
 def test_nothing_is_hidden_where_no_critic_looks():
     env = make(hide_guidance=True, privileged=False)
-    assert not {"path", *PRIVILEGED} & set(env.reset(seed=0)[0])
+    assert not {"path", *observations.PRIVILEGED} & set(env.reset(seed=0)[0])
     seen = make(hide_guidance=True, side_clearance=False).reset(seed=0)[0]
     assert "privileged_side_clearance" not in seen
 
