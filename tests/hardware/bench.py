@@ -22,7 +22,6 @@ class Bench(NativeDrive):
         super().__init__(native)
         self.speeds, self.ways = [0.0, 0.0], [0.0, 0.0]
         self.seen = [True, True]  # a wheel whose encoder is seen
-        self.sign = [1, 1]  # of its encoder
         self.stuck = [None, None]  # the duty at which a driver is stuck while it is enabled
         self.pull = 0.0  # m/s2: of a slope, forward
         self.grip = 1.0  # share of the brakes that is left
@@ -49,8 +48,7 @@ class Bench(NativeDrive):
                     self.speeds[i] = math.copysign(slower, self.speeds[i])
                 self.ways[i] += self.speeds[i] * dt
                 if self.seen[i]:
-                    ticks = self.ways[i] * CHAIR.drive.counts_per_metre
-                    self.counts[i] = self.sign[i] * math.floor(ticks)
+                    self.counts[i] = math.floor(self.ways[i] * CHAIR.drive.counts_per_metre)
             self.step(period)
 
     def by_hand(self, seconds: float, **stick) -> None:
