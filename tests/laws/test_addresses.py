@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from tests.conftest import modules
+from tests.conftest import at_start, modules
 from tests.copies import differences
 from wheelchair_gym.actors.records import ACTOR, Actors, combine, door, person, with_trolley
 from wheelchair_gym.base.settings import FARTHEST, InputError
@@ -82,10 +82,8 @@ def records_of(holder, depth=3):
 
 @pytest.fixture(scope="module")
 def holders():
-    env = NavigationEnv("crowd", shield=True, guidance="poses", bank=1)
-    env.reset(seed=0)
-    many = NavigationVectorEnv(2, scene="crowd", shield=True, bank=1)
-    many.reset(seed=0)
+    env = at_start(NavigationEnv("crowd", shield=True, guidance="poses", bank=1))
+    many = at_start(NavigationVectorEnv(2, scene="crowd", shield=True, bank=1))
     grid = OccupancyGrid(np.zeros((100, 100), np.int8), 0.1)
     result = env._loop._pool.take()
     chair = env.settings.chair, env.settings.sensors

@@ -15,7 +15,7 @@ from agents.control import FOLLOWERS
 from agents.learning.sb3 import SB3VecEnv
 from agents.learning.weights import shipped
 from agents.policies import GymPolicy, make_policy
-from tests.conftest import ROOT, python
+from tests.conftest import ROOT, at_start, python
 from tests.copies import COPIERS, by_pickle, differences, drive_copies
 from tests.envs.test_gymnasium import IDS
 from tests.laws.test_policies import SCRIPTED
@@ -87,16 +87,14 @@ def vector(settings, **more):
 @pytest.mark.parametrize("copies", [6, pytest.param(700, marks=pytest.mark.long)])
 @pytest.mark.parametrize("name", SINGLE)
 def test_a_copy_of_an_env_steps_on_as_the_original(name, copies):
-    env = NavigationEnv(**settings_of(SINGLE[name]))
-    env.reset(seed=5)
+    env = at_start(NavigationEnv(**settings_of(SINGLE[name])), 5)
     drive_copies(begin, step_single, env, copies, seed=5)
 
 
 @pytest.mark.parametrize("name", IDS)
 def test_a_copy_of_every_registered_env_steps_on_as_the_original(name):
     """With its wrappers."""
-    env = gym.make(name, config=BRIEF, bank=BANK)
-    env.reset(seed=2)
+    env = at_start(gym.make(name, config=BRIEF, bank=BANK), 2)
     drive_copies(begin, step_single, env, 3, seed=2)
 
 
@@ -177,8 +175,7 @@ def begin_policy(driven):
 def test_a_copy_of_env_and_policy_drives_on_as_the_original(name):
     scene = "clutter" if name != "explore" else "empty"
     own = {"explore": {"pose_source": "slam"}, "ppo_rear": {"model": "rear"}}.get(name, {})
-    env = NavigationEnv(scene, bank=BANK, **own)
-    env.reset(seed=1)
+    env = at_start(NavigationEnv(scene, bank=BANK, **own), 1)
     driven = env, GymPolicy(make_policy(name), env), [None]
     drive_copies(begin_policy, step_policy, driven, 1, seed=1)
 
