@@ -99,17 +99,8 @@ class NativeDrive(Part):
         """Run the control once, `period` milliseconds after the last run."""
         self.now += period
         duty, pins = (c.c_float * 2)(), c.c_uint8()
-        self.library.drive_run(
-            self.pointer,
-            self.now,
-            1000 * period,
-            *self.counts,
-            self.illegal & 0xFF,
-            self.switches,
-            self.battery,
-            duty,
-            c.byref(pins),
-        )
+        given = self.now, 1000 * period, *self.counts, self.illegal & 0xFF, self.switches
+        self.library.drive_run(self.pointer, *given, self.battery, duty, c.byref(pins))
         self.duty = tuple(duty)
         self.enable, self.release = bool(pins.value & 1), bool(pins.value & 2)
 

@@ -64,11 +64,12 @@ def test_a_viewer_that_comes_late_sees_map_scan_and_transforms():
     viewer = threading.Thread(target=watch)
     viewer.start()
     assert joined.wait(PATIENCE)
-    while viewer.is_alive():
+    while viewer.is_alive() and len(told.get("/verdict", ())) < STEPS:
         first = "/verdict" not in told  # what was sent before the subscription was there is lost
         heard.clear()
         env.step(np.zeros(2, np.float32))
         heard.wait(0.2 if first else PATIENCE)  # for a slow viewer the server drops messages
+    viewer.join(PATIENCE)
     env.close()
     each = ("/scan", "/tf", "/pose", "/ultrasonic", "/odometry", "/particles", "/battery")
     for topic in each:
