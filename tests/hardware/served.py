@@ -53,12 +53,10 @@ class Program:
             stderr=subprocess.PIPE,
         )  # fmt: skip
         self.said, self.errors = [], []
+        pairs = (self.process.stdout, self.said), (self.process.stderr, self.errors)
         self._threads = [
-            threading.Thread(target=self._read, args=pair, daemon=True)
-            for pair in (
-                (self.process.stdout, self.said), (self.process.stderr, self.errors)
-            )
-        ]  # fmt: skip
+            threading.Thread(target=self._read, args=one, daemon=True) for one in pairs
+        ]
         for thread in self._threads:
             thread.start()
 

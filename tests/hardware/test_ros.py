@@ -4,7 +4,6 @@ import dataclasses
 import itertools
 import json
 import math
-import os
 import signal
 import socket
 import subprocess
@@ -550,9 +549,8 @@ def test_a_program_that_is_ended_stops_it(bridge, end, tmp_path):
         x, y = bridge.episode.goal[:2]
         command = ["-m", "wheelchair_gym", "simulate", *words_of(bridge, tmp_path)]
         command += ["--policy", "straight", "--goal", f"{x},{y}"]
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
     program = subprocess.Popen(
-        [sys.executable, *command], env=environment, stderr=subprocess.PIPE, text=True,
+        [sys.executable, *command], cwd=ROOT, stderr=subprocess.PIPE, text=True,
         stdout=subprocess.DEVNULL,
     )  # fmt: skip
     assert until(lambda: not bridge.still)
@@ -567,9 +565,9 @@ def test_a_program_that_is_ended_stops_it(bridge, end, tmp_path):
 def test_what_does_not_answer_is_one_line(tmp_path, capsys):
     plain = socket.create_server(("127.0.0.1", 0))  # listens, and says nothing
     taken = plain.getsockname()[1]
-    free = socket.create_server(("127.0.0.1", 0))
+    free = socket.socket()  # bound, so that nobody else takes it, and refuses
+    free.bind(("127.0.0.1", 0))
     nobody = free.getsockname()[1]
-    free.close()
     chairs = tmp_path / "chairs.json"
     silent = {"name": f"ros://127.0.0.1:{taken}", "link": {"connect_timeout": 0.3}}
     chairs.write_text(json.dumps({"silent": silent}))
@@ -583,7 +581,7 @@ def test_what_does_not_answer_is_one_line(tmp_path, capsys):
     ):
         quick = ["--policy", "a_star+pure_pursuit"]  # its rehearsal is short
         assert why in refusal(["simulate", "--chair", chair, "--goal", "1,1", *quick], capsys)
-    plain.close()
+    plain.close(), free.close()
 
 
 @pytest.mark.parametrize("topic", ["/scan", "/tf", "/map", RANGERS[3]])
