@@ -83,6 +83,7 @@ def second(x):
 """
 HEAD = """
 import numba.core.event as event
+from wheelchair_gym.compiled import second_process
 from wheelchair_gym.compiled.second_process import progress
 from toy import high, laid, low, middle
 class Count(event.Listener):
@@ -257,7 +258,7 @@ def test_a_terminal_shows_a_count_from_the_first_kernel_on(tmp_path):
 
 
 def test_a_log_gets_a_line_now_and_then(tmp_path):
-    code = "progress._due = 0.0\nhigh(3.0)\n"
+    code = "progress._due, second_process._LOG_PAUSE = 0.0, 600.0\nhigh(3.0)\n"
     shown = run(tmp_path, code).stderr
     assert shown == "compiling kernel 1, once on this machine; 0 s so far\n"
     assert run(tmp_path, code).stderr == ""  # it was compiled before

@@ -352,7 +352,7 @@ def test_output_that_cannot_be_written_is_one_line(monkeypatch, capfd, output, c
 )  # fmt: skip
 def test_so_is_help_and_the_end_of_the_program(words, code, says):
     done = subprocess.run(
-        ["bash", "-c", f"{sys.executable} -m wheelchair_gym settings {words}"],
+        ["bash", "-c", f'"$0" -m wheelchair_gym settings {words}', sys.executable],
         capture_output=True, text=True, check=False, cwd=ROOT, stdin=subprocess.DEVNULL,
     )  # fmt: skip
     assert done.stderr.startswith(says)

@@ -156,7 +156,7 @@ def test_an_installed_copy_has_no_commit_of_the_repository_that_it_lies_in(tmp_p
     (tmp_path / "agents" / "a.py").touch()
 
     def git(*words):
-        who = ("-c", "user.name=n", "-c", "user.email=e")
+        who = ("-c", "user.name=n", "-c", "user.email=e", "-c", "commit.gpgsign=false")
         subprocess.run(["git", *who, *words], cwd=tmp_path, check=True, capture_output=True)
 
     monkeypatch.setattr(provenance, "__file__", str(own))
