@@ -268,7 +268,7 @@ def test_a_closed_page_stops_the_chair_and_its_drive_is_judged_the_same(served, 
 @pytest.mark.parametrize("device", ["stick", "switch"])
 def test_a_silent_device_counts_as_released(served, monkeypatch, device):
     with served.socket() as socket:
-        send(socket, "device", name=device, scan_period=0.5)
+        send(socket, "device", name=device, scan_period=5.0)  # time enough to press, if slowly
         send(socket, "start", **{**START, "rate": 40})
         messages(socket, "world")
         if device == "switch":
