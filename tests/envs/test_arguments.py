@@ -138,12 +138,8 @@ def test_what_is_refused_leaves_no_chair_connected(monkeypatch):
 def test_a_shield_that_is_on_keeps_the_settings_of_the_config():
     mine = {"shield": {"person_speed": 1.2}}
     for switch, speed in (
-        (None, 1.2),
-        (True, 1.2),
-        (np.True_, 1.2),
-        ({"person_speed": 1.1}, 1.1),
-        (False, None),
-    ):
+        (None, 1.2), (True, 1.2), (np.True_, 1.2), ({"person_speed": 1.1}, 1.1), (False, None),
+    ):  # fmt: skip
         made = env_settings(mine, shield=switch).shield
         assert (made and made.person_speed) == speed
     assert env_settings({}, shield=True).shield == env_settings({}, shield={}).shield is not None

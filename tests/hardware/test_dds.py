@@ -7,8 +7,9 @@ where it is installed, ROS 2 itself (rclpy on Fast DDS).
 import json
 import math
 import os
+import socket
 import subprocess
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from unittest.mock import Mock
 
@@ -29,7 +30,15 @@ from wheelchair_gym.hardware.ros.dds import DdsLink, content_of, idl_type
 from wheelchair_gym.hardware.ros.make_messages import deserialized, serialized, typestore
 from wheelchair_gym.sensors.settings import LaserSettings
 
-DOMAIN = 20 + os.getpid() % 78  # and the three after it; of 101 at most
+
+def free_domain():
+    """Four domains in a row, by the first, that no other run on this machine uses; their lock."""
+    for domain in range(20, 98, 4):  # of 101 at most
+        with suppress(OSError):
+            return domain, socket.create_server(("127.0.0.1", 12_000 + domain))
+
+
+DOMAIN, LOCK = free_domain()
 HERE = {"ROS_DOMAIN_ID": str(DOMAIN), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
 LOOPBACK = """<CycloneDDS><Domain id="any"><General><AllowMulticast>false</AllowMulticast>
 <Interfaces><NetworkInterface address="127.0.0.1"/></Interfaces></General><Discovery>
@@ -90,7 +99,7 @@ class Peer:
 
     def __init__(self, domain=None):
         self.participant = DomainParticipant(DOMAIN if domain is None else domain)
-        self.entities = {}
+        self.entities, self.turns = {}, 10 * [math.nan]
 
     def hears(self, topic, kind, *more):
         qos, name = policies(*more), f"rt{topic}" if topic.startswith("/") else topic
@@ -110,10 +119,13 @@ class Peer:
     @property
     def turn(self):
         """The turn rate that was heard last [rad/s]."""
-        self._last = ([getattr(self, "_last", math.nan)] + [
-            turn_of(one) for one in self.taken("/odom", Odometry)
-        ])[-1]  # fmt: skip
-        return self._last
+        self.turns = [*self.turns, *map(turn_of, self.taken("/odom", Odometry))][-10:]
+        return self.turns[-1]
+
+    @property
+    def rests(self):
+        """Whether it stands: at the end of a turn, single readings are still, too."""
+        return abs(self.turn) < STILL and max(map(abs, self.turns)) < STILL
 
 
 @pytest.fixture(scope="module")
@@ -215,23 +227,28 @@ def test_it_drives_by_both_kinds_of_twist_and_stops_when_they_end(robot, peer, s
     writer = peer.says("/cmd_vel", TwistStamped if stamped else Twist)
     turning(peer, writer, stamped)
     before = len(robot.errors)
-    assert until(lambda: abs(peer.turn) < STILL)
+    assert until(lambda: peer.rests)
     assert until(lambda: "is silent for 0.5 s: the chair stops" in "".join(robot.errors[before:]))
 
 
 def test_it_stops_at_once_when_the_commanding_peer_leaves(robot, peer):
-    writer = peer.says("/cmd_vel", Twist)
-    turning(peer, writer)
-    before = len(robot.errors)
-    del writer
-    gone = "the client that commanded is gone: the chair stops"
-    assert until(lambda: gone in "".join(robot.errors[before:]))
-    assert until(lambda: abs(peer.turn) < STILL)
+    def is_said():
+        """Whether it is; a machine that is slow lets it be silent first."""
+        before = len(robot.errors)
+        writer = peer.says("/cmd_vel", Twist)
+        turning(peer, writer)
+        del writer
+        assert until(lambda: peer.rests and len(robot.errors) > before)
+        return "the client that commanded is gone: the chair stops" in "".join(
+            robot.errors[before:]
+        )
+
+    assert until(is_said)
 
 
 def test_damaged_and_infinite_twists_move_nothing_and_are_said_once(robot, peer):
     writer = peer.says("/cmd_vel", Twist)
-    assert until(lambda: writer.get_matched_subscriptions() and abs(peer.turn) < STILL)
+    assert until(lambda: writer.get_matched_subscriptions() and peer.rests)
     writer.write(twist(math.nan))
     writer.write(twist(math.inf))
     bad = twist(0.0)
@@ -396,5 +413,5 @@ def test_ros_itself_hears_everything_and_drives():
         assert until(lambda: watcher.turn > 0.1)
         driver.kill()
         driver.wait()
-        assert until(lambda: abs(watcher.turn) < STILL)
+        assert until(lambda: watcher.rests)
         assert until(lambda: "the chair stops" in "".join(served.errors[before:]))

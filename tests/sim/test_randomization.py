@@ -77,11 +77,8 @@ def test_uniform_draws_fill_their_range_anew_in_each_episode(quantity):
 def test_normal_draws_have_their_mean_and_stay_in_bounds(quantity):
     scale = SCALE.get(quantity, 1.0)
     row = {
-        "quantity": quantity,
-        "distribution": "normal",
-        "mean": 0.05 * scale,
-        "std": 0.03 * scale,
-    }
+        "quantity": quantity, "distribution": "normal", "mean": 0.05 * scale, "std": 0.03 * scale,
+    }  # fmt: skip
     values = drawn(load(Randomization, row, "row")) / scale
     assert abs(values.mean() - 0.05) < 0.02
     assert 0.015 < values.std() < 0.045
