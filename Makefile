@@ -5,7 +5,7 @@ PYTHON_313 ?= python3.13
 VENV ?= .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.installed
-CLEAN_ENV := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
+CLEAN_ENV := PYTHONUTF8=1 OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 # tests/conftest.py says which file goes first.
 PYTEST := $(CLEAN_ENV) $(BIN)/python -m pytest
 TEST := $(PYTEST) -n 2 --dist loadfile --no-loadscope-reorder

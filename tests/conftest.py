@@ -16,6 +16,9 @@ from wheelchair_gym.base.errors import InputError
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("wheelchair_gym", "planners", "agents")
+# What tests build is kept in the clone: a HOME may be absent, or read-only.
+for place in ("XDG_CACHE_HOME", "MPLCONFIGDIR", "JUPYTER_RUNTIME_DIR", "IPYTHONDIR"):
+    os.environ.setdefault(place, str(ROOT / "build" / "cache"))
 SHARED = Path(os.environ.get("WHEELCHAIR_SHARED", ROOT.parent / "shared"))
 # Where nothing is compiled yet, a worker must not wait for what another compiles: one begins with
 # the environment's kernels, the other with tests of no kernels, and goes on to the planners'.
@@ -40,7 +43,7 @@ def long_but(names: Iterable[Any], short: Iterable[Any]) -> list[Any]:
     return [pytest.param(*value, marks=m) for value, m in zip(values, marks, strict=True)]
 
 
-PATIENCE = 120.0  # s: a machine that is busy compiles and starts slowly
+PATIENCE = 600.0  # s: a machine that is busy compiles and starts slowly
 
 
 def until(true: Callable[[], Any], seconds: float = PATIENCE) -> Any:

@@ -27,4 +27,4 @@ def test_a_notebook_runs(path, tmp_path):
     for name in ("configs", "wheelchair_gym", "examples"):
         (tmp_path / name).symlink_to(ROOT / name)
     resources = {"metadata": {"path": str(tmp_path)}}
-    NotebookClient(nbformat.reads(CONTENTS[path], 4), timeout=300, resources=resources).execute()
+    NotebookClient(nbformat.reads(CONTENTS[path], 4), timeout=600, resources=resources).execute()
