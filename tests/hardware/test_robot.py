@@ -313,7 +313,7 @@ def test_a_stranger_drives_and_is_scored(scene, seed, episodes, tmp_path):
     )) as served:  # fmt: skip
         assert "wheelchair_gym" not in CONTROLLER.read_text().partition('"""\n')[2]
         arguments = [sys.executable, str(CONTROLLER), served.url]
-        subprocess.run(arguments, check=True, timeout=180.0, cwd=tmp_path)
+        subprocess.run(arguments, check=True, timeout=PATIENCE, cwd=tmp_path)
         assert served.process.wait(PATIENCE) == 0
     content = json.loads(result.read_text())
     assert [one["seed"] for one in content["episodes"]] == list(range(seed, seed + episodes))

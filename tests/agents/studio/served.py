@@ -73,7 +73,8 @@ def browsing():
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"])
+        patient = {"args": ["--no-sandbox"], "timeout": 1e3 * PATIENCE}
+        browser = playwright.chromium.launch(executable_path=BROWSER, **patient)
         yield browser
         browser.close()
 
