@@ -146,13 +146,11 @@ def test_a_single_switch_drives_and_stops(page, begun, monkeypatch):
     for focus, key in (("#map", "Space"), ("#stop", "Enter"), ("#place", "Space"), ("#seed", "")):
         page.focus(focus)
         for expected in (driven, "studio.now.lit !== ''"):
-            if key:
-                page.keyboard.press(key)
-            else:
-                page.evaluate("window.clicked = true")
+            until(page, "studio.now.lit !== 'forward'")  # slow presses would end at the goal
+            page.keyboard.press(key) if key else page.evaluate("window.clicked = true")
             until(page, expected)
             page.evaluate("window.clicked = false")
-            page.wait_for_timeout(100)  # the gamepad is looked at meanwhile
+            until(page, "!studio.inputs.down")  # the gamepad was looked at
     page.click("#switch")
     until(page, driven)
     assert page.evaluate("studio.running")
