@@ -4,13 +4,17 @@ import dataclasses
 import itertools
 import json
 import multiprocessing
+import os
 import pickle
 import signal
+import socket
+import struct
+import threading
 import traceback
 import weakref
 from collections.abc import Mapping
 from contextlib import suppress
-from multiprocessing.connection import Connection
+from multiprocessing.connection import Connection, wait
 from typing import Any, Final
 
 import numpy as np
@@ -137,17 +141,22 @@ class IsolatedDriver:
 
     def _ask(self, call: str, value: Any) -> Any:
         worker, pipe, gone = self._process.worker, self._process.pipe, self._process.gone
-        try:
-            pipe.send((call, self._name, value, [gone.pop() for _ in range(len(gone))]))
-            if not pipe.poll(LONGEST):
-                raise TimeoutError(f"took longer than {LONGEST:g} s")
-            answer = json.loads(pipe.recv_bytes())
-            policy = pipe.recv_bytes() if call == "copy" else b""
-        except (EOFError, OSError) as error:
-            worker.kill()  # a late answer would be taken for the next one's
-            worker.join()
-            why = error if isinstance(error, TimeoutError) else "ended"
-            raise RuntimeError(f"the policy's process {why} in {call}") from error
+        with self._process.lock:
+            try:
+                pipe.send((call, self._name, value, [gone.pop() for _ in range(len(gone))]))
+                # Another process may hold the pipe open, so that its end would not be seen.
+                if pipe not in (ready := wait([pipe, worker.sentinel], LONGEST)):
+                    raise EOFError if ready else BlockingIOError
+                answer = json.loads(pipe.recv_bytes())
+                policy = pipe.recv_bytes() if call == "copy" else b""
+            except BaseException as error:  # an interrupt, too
+                worker.kill()  # a late answer would be taken for the next one's
+                worker.join()
+                if not isinstance(error, EOFError | OSError):
+                    raise
+                late = isinstance(error, BlockingIOError)
+                why = f"took longer than {LONGEST:g} s" if late else "ended"
+                raise RuntimeError(f"the policy's process {why} in {call}") from error
         if answer["failure"]:
             raise RuntimeError(f"the policy failed in its process: {answer['failure']}")
         return policy if call == "copy" else answer
@@ -166,6 +175,10 @@ class _Process:
         self.worker.start()
         theirs.close()
         self.gone: list[int] = []  # drivers whose policies it may forget
+        self.lock = threading.Lock()  # of a call and its answer
+        with socket.socket(fileno=os.dup(self.pipe.fileno())) as end:  # a process may be frozen
+            for way in (socket.SO_SNDTIMEO, socket.SO_RCVTIMEO):
+                end.setsockopt(socket.SOL_SOCKET, way, struct.pack("ll", int(LONGEST), 0))
 
 
 _USED: Final[weakref.WeakValueDictionary[str, _Process]] = weakref.WeakValueDictionary()

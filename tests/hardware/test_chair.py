@@ -35,6 +35,15 @@ def hosted(host):
     return host(box(50.0))
 
 
+def test_the_guard_uses_no_line_while_parameters_are_compared(hosted):
+    """A line that both open, close and write at once breaks."""
+    turns, table, chair = [], hosted.chair.senses.parameters["drive"], hosted.chair
+    compare = table.mismatch
+    table.mismatch = lambda wanted: turns.append(chair._lock._is_owned()) or compare(wanted)
+    chair.reset(None, 0)
+    assert set(turns) == {True}
+
+
 def begun(hosted, periods=15, twist=AHEAD):
     """The chair, driving."""
     hosted.chair.reset(None, 0)

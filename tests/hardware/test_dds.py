@@ -356,6 +356,23 @@ def test_a_thread_that_fails_ends_the_link_and_says_why():
         assert link.lost == "no such thing"
 
 
+def test_each_publisher_that_leaves_is_reported():
+    heard, gone = [], []
+    hear = lambda topic, message, who: heard.append(who)  # noqa: E731
+    with closing(DdsLink("127.0.0.1", DOMAIN + 3, hear, gone.append)) as link:
+        link.subscribe("/cmd_vel", "geometry_msgs/msg/Twist")
+        peer = Peer(DOMAIN + 3)
+        writers = [peer.says("/cmd_vel", Twist) for _ in range(2)]
+        assert until(lambda: [one.write(twist(0.1)) for one in writers] and len({*heard}) == 2)
+        with link._lock:  # between two looks
+            writers.clear()
+            assert until(lambda: not link._readers[0].reader.get_matched_publications())
+        assert until(lambda: {*gone} == {*heard}, ROOM)
+
+
+ROOM = 5.0  # s, for a busy machine
+
+
 RCLPY = os.environ.get("WHEELCHAIR_RCLPY") or str(ROOT / "build" / "rclpy" / "bin" / "python")
 NODE = ROOT / "tests" / "hardware" / "rclpy_node.py"
 SECONDS = float(os.environ.get("WHEELCHAIR_RCLPY_SECONDS", "20"))

@@ -191,6 +191,13 @@ def test_a_laser_that_is_off_is_switched_on_again():
     assert sensor.streaming
 
 
+def test_a_request_that_the_laser_refuses_is_named(monkeypatch):
+    monkeypatch.setattr(ScipSensor, "_obey", lambda self, said: "20" if said == "BM" else scip.OK)
+    laser, _, ports, _ = begin()
+    assert laser.error == "x: BM was refused with status 20"
+    assert not ports[0].open
+
+
 def test_real_scans_are_read_back(shared):
     """The ranges of a real URG-04LX, said again and read, cut at random."""
     rows = (shared / "logs" / "mines_exp1.dat").read_text().splitlines()[::40]

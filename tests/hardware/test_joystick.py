@@ -19,13 +19,16 @@ Event = namedtuple("Event", "type code value")
 
 class FakeDevice:
     def __init__(self, ahead=0.0):
-        self.said, self.plugged = [], True
+        self.said, self.plugged, self.held = [], True, []
         self.tilt(ahead)
         self.said.clear()  # it was so before somebody listened
 
     def absinfo(self, axis):
         low, high = ((0, 255), (-32768, 32767))[axis]
         return SimpleNamespace(value=self.values[axis], min=low, max=high)
+
+    def active_keys(self):
+        return self.held
 
     def read(self):
         if not self.plugged:
@@ -152,6 +155,29 @@ def test_a_re_arm_that_reads_events_leaves_their_order():
     device.read = lambda: batches.pop(0) if batches else FakeDevice.read(device)
     seat.ask()
     assert not seat.joystick._held
+
+
+def test_a_button_that_nobody_saw_pressed_takes_control():
+    """It is held while events are lost; pressed again, it drives."""
+    seat = Seat()
+    assert seat.ask() is None
+    seat.device.held = [OWN.dead_man_button]
+    seat.device.said = [Event(joystick.EV_SYN, joystick.SYN_DROPPED, 0)]
+    seat.device.tilt(ahead=1.0)
+    assert not seat.ask().any()
+
+
+def test_a_joystick_that_is_pulled_while_another_thread_reads_it_is_centred():
+    class Pulled(dict):
+        def get(self, axis):
+            seat.joystick._release()
+            return super().get(axis)
+
+    seat = Seat()
+    seat.device.tilt(ahead=1.0)
+    seat.ask()
+    seat.joystick._axes = Pulled(seat.joystick._axes)
+    assert not any(seat.joystick.stick(0.0)[0])
 
 
 def test_whatever_an_opener_raises_is_a_lost_connection():

@@ -6,6 +6,9 @@ Clients are plain WebSockets and the example's controller, which import nothing 
 import json
 import math
 import shutil
+import socket
+import ssl
+import struct
 import subprocess
 import sys
 import threading
@@ -13,6 +16,7 @@ import time
 from collections import Counter
 from contextlib import ExitStack, closing, suppress
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -29,6 +33,7 @@ from wheelchair_gym.hardware.ros import make_messages, rosbridge
 from wheelchair_gym.hardware.ros import messages as ros
 from wheelchair_gym.hardware.ros.rosbridge import Rosbridge, RosbridgeServer, strict
 from wheelchair_gym.hardware.ros.settings import RosbridgeSettings
+from wheelchair_gym.hardware.ros.sockets import TurnsSocket
 from wheelchair_gym.recording.replay import read_recording
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.sensors.odometry import OdometryCovariance
@@ -400,6 +405,38 @@ def test_our_two_ends_hear_each_other(ends):
                 link.publish("/t", {"data": k})
                 assert until(lambda k=k: len(heard) > k)
     assert [message["data"] for _, message, _ in heard] == [*range(40)]
+
+
+def test_a_client_that_resets_its_connection_ends_no_server(monkeypatch):
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.sslsocket_class, plain = TurnsSocket, socket.create_server(("127.0.0.1", 0))
+    given = {"server_side": True, "do_handshake_on_connect": False}
+    with context.wrap_socket(plain, **given) as listener:
+        with socket.create_connection(listener.getsockname()) as broken:
+            reset = struct.pack("ii", 1, 0)
+            broken.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, reset)
+        with socket.create_connection(listener.getsockname()) as client:
+            accepted, address = listener.accept()
+            assert address == client.getsockname()
+    turns = []  # what is sent between the end of TLS and that of the socket would be readable
+    for name in ("shutdown", "close"):
+        end = lambda self, *how: turns.append(self._turn.locked())  # noqa: E731
+        monkeypatch.setattr(ssl.SSLSocket, name, end, raising=False)
+    accepted.shutdown(socket.SHUT_RDWR)
+    accepted.close()
+    assert turns == [True, True]
+    monkeypatch.undo()
+    accepted.close()
+
+
+def test_a_server_that_can_accept_nobody_is_lost(monkeypatch):
+    with closing(RosbridgeServer("127.0.0.1", 0, lambda *_: "")) as server:
+        monkeypatch.setattr(socket.socket, "accept", Mock(side_effect=OSError(24, "many files")))
+        with socket.create_connection(("127.0.0.1", server.port)):
+            assert until(lambda: server.lost)
+    server = RosbridgeServer("127.0.0.1", 0, lambda *_: "")
+    server.close()
+    assert not server.lost
 
 
 def test_a_server_that_takes_no_data_holds_nobody_up(ends):

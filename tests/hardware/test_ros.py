@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 from contextlib import ExitStack, closing, suppress
+from unittest.mock import Mock
 
 import gymnasium as gym
 import numpy as np
@@ -467,6 +468,7 @@ BREAKS = {
     "bytes": lambda bridge: bridge.say(b"\x81\xa2op"),
     "fragment": lambda bridge: bridge.say('{"op": "fragment", "id": "0", "data": "", "num": 0}'),
     "png": lambda bridge: bridge.say('{"op": "png", "data": "iVBORw0"}'),
+    "too large": lambda bridge: bridge.say('{"op": "publish", "topic": "/t"}'),
     "cut": FakeRosbridge.cut,
     "closed": lambda bridge: [c.close() for c in list(bridge._told)],
 }
@@ -474,10 +476,8 @@ BREAKS = {
 
 @pytest.mark.parametrize("way", BREAKS)
 def test_a_link_that_cannot_be_trusted_is_given_up_with_a_last_word(bridge, way):
-    heard = []
-    link = Rosbridge(
-        "127.0.0.1", bridge.port, lambda *told: heard.append(told), RosbridgeSettings()
-    )
+    hear = Mock(side_effect=MemoryError)
+    link = Rosbridge("127.0.0.1", bridge.port, hear, RosbridgeSettings())
     link.farewell = ("/v", lambda: {"linear": {"x": 0.0}, "angular": {"z": 0.0}})
     link.advertise("/v", "geometry_msgs/Twist")
     link.publish("/v", {"linear": {"x": 1.0}, "angular": {"z": 0.0}})
@@ -490,7 +490,7 @@ def test_a_link_that_cannot_be_trusted_is_given_up_with_a_last_word(bridge, way)
     link.close()
     if way not in ("cut", "closed"):
         assert until(lambda: [v for _, v, _ in bridge.commands] == [1.0, 0.0])
-    assert heard == []
+    assert hear.called == (way == "too large")
 
 
 @pytest.mark.parametrize("way", ["garbage", "cut"])
@@ -746,6 +746,26 @@ def test_two_lasers_have_topics_and_mounts_of_their_own(bridge):
     senses.receive("/scan", later(scan), 2.0)
     senses.receive("/scan_rear", later(of_a_circle(360)), 2.0)
     assert "/scan_rear is silent (its last message is of frame laser: " in senses.stale(2.0)
+
+
+def test_a_topic_that_is_new_while_others_are_looked_at(bridge, monkeypatch):
+    sensors = dataclasses.replace(SENSORS, more_lasers=(LaserSettings(beams=91, fov=math.pi),))
+    senses = RosSensors(RosSettings(more_scans=("/scan_rear",)), sensors, False)
+
+    class Busy(dict):
+        def __contains__(self, topic):
+            senses.receive("/scan_rear", of_a_circle(360), 1.0)
+            return False
+
+    def mount(topic, frame):
+        return "" if topic == "/scan_rear" else str(topic in Busy() or ""), False
+
+    for look in (senses.laser_mount_error, senses.clear):
+        senses._frames, senses._clocks = {}, {}
+        senses.receive("/scan", bridge._messages()["/scan"](), 1.0)
+        monkeypatch.setattr(senses, "_mount", mount)
+        senses._wrong = Busy()
+        assert not look()
 
 
 def later(message, seconds=1):

@@ -285,14 +285,13 @@ class HardwareChair(RealChair):
         return received and bool(self.senses.stopped())
 
     def _not_ready(self) -> str:
-        with self._lock:
-            now, senses = self.clock.now(), self.senses
-            return (
-                senses.stale(now)
-                or senses.stale_ultrasonic(now)
-                or next(filter(None, map(senses.laser_mismatch, range(len(senses.lasers)))), "")
-                or senses.moving()
-            )
+        now, senses = self.clock.now(), self.senses
+        return (
+            senses.stale(now)
+            or senses.stale_ultrasonic(now)
+            or next(filter(None, map(senses.laser_mismatch, range(len(senses.lasers)))), "")
+            or senses.moving()
+        )
 
     def _not_armed(self) -> str:
         """Why the board needs a person; a re-arm that it refuses is reported."""
@@ -319,9 +318,14 @@ class HardwareChair(RealChair):
         self.clock.wait(self.clock.now() + _FINE)  # some arrive a little later than others
 
     def _await(self, missing: Callable[[], str], timeout: float) -> None:
-        """Wait until nothing is missing, and report what is."""
+        """Wait until nothing is missing, and report what is; each look holds the lock."""
+
+        def locked() -> str:
+            with self._lock:
+                return missing()
+
         self._require(
-            missing, timeout, on_wait=lambda why: self.on_wait(f"{why}; waits {timeout:g} s for it")
+            locked, timeout, on_wait=lambda why: self.on_wait(f"{why}; waits {timeout:g} s for it")
         )
 
     def _stop_reason(self) -> str:

@@ -134,6 +134,7 @@ class Joystick(Reconnecting[Any]):
         axes = self.settings.forward_axis, self.settings.turn_axis
         self._axes = {axis: device.absinfo(axis) for axis in axes}
         self._values = {axis: info.value for axis, info in self._axes.items()}
+        self.in_control |= self.settings.dead_man_button in device.active_keys()
 
     def _release(self) -> None:
         self._held = self._free = self._assisted = False
@@ -184,10 +185,10 @@ class Joystick(Reconnecting[Any]):
 
     def _axis(self, axis: int) -> float:
         """The deflection of an axis, -1 to 1; 0 while the device is closed."""
-        info = self._axes.get(axis)
-        if info is None or info.max <= info.min:
+        info, value = self._axes.get(axis), self._values.get(axis)  # another thread may close it
+        if info is None or value is None or info.max <= info.min:
             return 0.0
-        tilt = 2.0 * (self._values[axis] - info.min) / (info.max - info.min) - 1.0
+        tilt = 2.0 * (value - info.min) / (info.max - info.min) - 1.0
         tilt = min(1.0, max(-1.0, tilt))
         past = max(0.0, abs(tilt) - self.settings.dead_zone) / (1.0 - self.settings.dead_zone)
         return float(np.copysign(past, tilt)) if past else 0.0

@@ -3,13 +3,16 @@
 import gc
 import json
 import os
+import signal
 import socket
 import subprocess
 import sys
+import time
 from contextlib import closing
 from itertools import product
 from multiprocessing.connection import Connection
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -17,7 +20,7 @@ import pytest
 from agents.benchmarks import tracks
 from agents.cli import main
 from agents.evaluation.evaluate import drive_episode, make_env
-from agents.policies import make_policy
+from agents.policies import delegated, make_policy
 from agents.policies.delegated import Isolated
 from agents.policies.planned import Planned
 from agents.policies.scripted import StraightPolicy
@@ -63,9 +66,12 @@ class Fails(Peeks):
 
 
 class Ends(Peeks):
-    """Ends its process."""
+    """Ends its process, and leaves one behind that holds its pipe while the tests run."""
 
     def act(self, reading):
+        tests = f"/proc/{os.getppid()}"
+        while not os.fork() and os.path.exists(tests):
+            time.sleep(0.1)
         os._exit(3)
 
 
@@ -131,6 +137,30 @@ def test_a_policy_that_fails_is_reported(name, said):
     with pytest.raises(RuntimeError, match="it was not reset in this process"):
         make_policy({"name": "isolated", "policy": "straight"}).act(env.unwrapped.mission.reading)
     env.close()
+
+
+def test_no_answer_is_taken_for_another_one(monkeypatch):
+    """An interrupted driver begins anew; two threads whose drivers share a process take turns."""
+    driver, other = (make_policy(Isolated(f"{NAME}Fails")) for _ in range(2))
+    send, process = Connection.send, driver._process
+    assert other._process is process
+    monkeypatch.setattr(Connection, "send", lambda *given: send(*given) or held())
+    turns, held = [], lambda: turns.append(process.lock.acquire(blocking=False))
+    driver._ask("copy", None)
+    assert turns == [False]
+    held = Mock(side_effect=KeyboardInterrupt)
+    with pytest.raises(KeyboardInterrupt):
+        driver._ask("copy", None)
+    with pytest.raises(RuntimeError, match="ended in copy"):
+        other._ask("copy", None)
+
+
+def test_a_frozen_process_is_given_up(monkeypatch):
+    monkeypatch.setattr(delegated, "LONGEST", 1.0)
+    driver = make_policy(Isolated(f"{NAME}Peeks"))
+    os.kill(driver._process.worker.pid, signal.SIGSTOP)
+    with pytest.raises(RuntimeError, match="took longer than 1 s in paste"):
+        driver._ask("paste", bytes(5_000_000))
 
 
 def test_results_are_verified_and_changed_ones_are_found(tmp_path, capsys):

@@ -200,7 +200,7 @@ class Hokuyo(Reconnecting[Port]):
         elif command == "MD" and reply.status == scip.LASER_OFF:
             self._ask(port, "BM")
         else:
-            self._lose(f"{self._asked} was refused with status {reply.status}")
+            raise OSError(f"{self._asked} was refused with status {reply.status}")
 
     def _take_time(self, reply: scip.Reply) -> None:
         """Take the answer to TM1, the sensor's time."""

@@ -94,6 +94,7 @@ class _Reader(NamedTuple):
     type: str
     reader: Any
     take: Callable[[Mapping[str, Any], int], object]  # of a message and its publisher
+    publishers: set[int]  # that were there at the last look, or have sent since
 
 
 class DdsLink:
@@ -199,7 +200,7 @@ class DdsLink:
         some = ReadCondition(reader, SampleState.Any | ViewState.Any | InstanceState.Any)
         with self._lock:
             self._wakes.attach(some)
-            self._readers = [*self._readers, _Reader(topic, kind, reader, take)]
+            self._readers = [*self._readers, _Reader(topic, kind, reader, take, set())]
             self._announce()
 
     def _writer(self, name: str, kind: str, latch: bool, depth: int) -> Any:
@@ -247,6 +248,7 @@ class DdsLink:
             for sample in one.reader.take(_MAX_COMMANDS):
                 if sample.sample_info.valid_data:
                     publisher = sample.sample_info.publication_handle % _HANDLES
+                    one.publishers.add(publisher)
                     one.take(content_of(one.type, sample), publisher)
             self._look(one)
         for topic, (_, writer) in writers.items():
@@ -256,9 +258,11 @@ class DdsLink:
 
     def _look(self, one: _Reader) -> None:
         """Report publishers of a topic that are gone, or that do not fit."""
-        matched = one.reader.get_subscription_matched_status()
-        if matched.current_count_change < 0:
-            self._on_leave(matched.last_publication_handle % _HANDLES)
+        there = {handle % _HANDLES for handle in one.reader.get_matched_publications()}
+        for publisher in one.publishers - there:  # the status would name only one of them
+            self._on_leave(publisher)
+        one.publishers.clear()
+        one.publishers.update(there)
         status = one.reader.get_requested_incompatible_qos_status()
         types = {other.type for other in self._readers if other.topic == one.topic}
         expected = status.last_policy_id == _TYPE and len(types) > 1  # the other reader's

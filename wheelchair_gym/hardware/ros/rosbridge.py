@@ -194,8 +194,8 @@ class Rosbridge:
                 why = self._take(self._socket.recv(), time.monotonic())
                 if why:
                     break
-        except self._broken as error:
-            why = f"it broke ({error})"
+        except Exception as error:  # whatever a message leads to
+            why = f"it broke ({str(error) or repr(error)})"
         self._end(why)
         with suppress(Exception):  # a broken socket may refuse to be closed
             self._stack.close()
@@ -320,13 +320,12 @@ class RosbridgeServer:
         listens: topics that clients may publish, with the types that they may have.
         services: by name.
         url: ws://HOST:PORT or wss://HOST:PORT.
+        lost: why no more clients are accepted, in a line; empty while they are.
 
     Raises:
         InputError: the extra 'ros' is not installed, the port is taken, or the file is no
             certificate.
     """
-
-    lost = ""  # a server's link is never lost
 
     def __init__(
         self,
@@ -347,7 +346,7 @@ class RosbridgeServer:
         self._clients: list[_Client] = []
         self._latched: dict[str, str] = {}
         self._topics: dict[str, bool] = {}  # topic: whether late subscribers get its last message
-        self._lock = threading.Lock()
+        self._lock, self._closed, self.lost = threading.Lock(), False, ""
         context = None
         if certificate is not None:
             context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
@@ -377,7 +376,7 @@ class RosbridgeServer:
         if not is_local(host) and not (token and context):
             lacks = " and ".join(["no token"] * (not token) + ["no TLS"] * (context is None))
             _LOG.warning("%s: %s: whoever reaches it can read and command the chair", host, lacks)
-        self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
+        self._thread = threading.Thread(target=self._accept, daemon=True)
         self._thread.start()
 
     def advertise(self, topic: str, kind: str, latch: bool = False) -> None:
@@ -404,6 +403,7 @@ class RosbridgeServer:
 
     def close(self) -> None:
         """Close all connections; may be called again."""
+        self._closed = True
         closers = [threading.Thread(target=one.connection.close) for one in self._clients]
         for closer in closers:
             closer.start()
@@ -411,6 +411,11 @@ class RosbridgeServer:
             closer.join()
         self._server.shutdown()
         self._thread.join()
+
+    def _accept(self) -> None:
+        """Accept clients until `close`, or until this machine has no room for one more."""
+        self._server.serve_forever()
+        self.lost = "" if self._closed else "it accepts no more clients"
 
     def _admit(self, connection: Any, request: Any) -> Any:
         """Refuse clients without the token, and web pages where there is none.

@@ -124,7 +124,8 @@ class Topic(NamedTuple):
 class RosSensors:
     """The newest message of each topic, and whether it is fresh enough to drive.
 
-    Messages come in one thread and are read in others: a stored value is never changed.
+    Messages come in one thread and are read in others: a stored value is never changed, and
+    a dictionary over which others iterate is replaced.
 
     Args:
         settings: topics, frames, limits.
@@ -220,9 +221,10 @@ class RosSensors:
         if self.clock is not None:
             return self.clock.host_time(stamp)
         s = self.settings
-        if topic not in self._clocks:
-            self._clocks[topic] = ClockSync(s.limits.clock_drift, s.clock_error or math.inf)
-        return self._clocks[topic].host_time(stamp, came)
+        if (clock := self._clocks.get(topic)) is None:
+            clock = ClockSync(s.limits.clock_drift, s.clock_error or math.inf)
+            self._clocks = {**self._clocks, topic: clock}
+        return clock.host_time(stamp, came)
 
     def _refuse(self, topic: str, why: str) -> None:
         self._wrong[topic] = why = " ".join(why.split())[:_LONGEST]
@@ -307,7 +309,8 @@ class RosSensors:
         Raises:
             ValueError: the frame of the scan is not where the settings have the laser.
         """
-        frame = self._frames[topic] = ros.frame(message)
+        frame = ros.frame(message)
+        self._frames = {**self._frames, topic: frame}
         wrong, upside_down = self._mount(topic, frame)
         if wrong:
             raise ValueError(f"is of frame {frame}: {wrong}")

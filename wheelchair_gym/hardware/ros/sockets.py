@@ -12,6 +12,7 @@ import struct
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, TypeVar
 
 _PATIENCE = 1  # s for which the other end may take no data before it is cut off
@@ -45,6 +46,22 @@ class TurnsSocket(ssl.SSLSocket):
         with self._turn:
             super().settimeout(value)
 
+    def accept(self) -> tuple[ssl.SSLSocket, Any]:
+        """Wait for a connection, and return it and its address; broken ones are passed over."""
+        while True:
+            with suppress(ConnectionError):  # reset before it was accepted
+                return self._in_turns(super().accept, float("inf"))
+
+    def shutdown(self, how: int) -> None:
+        """End the connection; what is being sent then fails, and never goes unencrypted."""
+        with self._turn:
+            super().shutdown(how)
+
+    def close(self) -> None:
+        """Close the socket, between two turns."""
+        with self._turn:
+            super().close()
+
     def recv(self, buflen: int = 1024, flags: int = 0) -> bytes:
         """Wait for data; returns at most `buflen` bytes, none at the end of the connection."""
         return self._in_turns(lambda: super(TurnsSocket, self).recv(buflen, flags), float("inf"))
@@ -70,6 +87,7 @@ class TurnsSocket(ssl.SSLSocket):
                     super().settimeout(timeout)
             if late:
                 raise TimeoutError("the other end takes no data")
-            with selectors.DefaultSelector() as selector:
+            # A socket that is closed cannot be waited for, and the next turn raises an OSError.
+            with suppress(ValueError), selectors.DefaultSelector() as selector:
                 selector.register(self, awaited)
                 selector.select(_LOOK)
