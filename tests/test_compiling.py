@@ -192,13 +192,10 @@ def start(folder: Path, code: str, stderr: int = subprocess.PIPE) -> subprocess.
     """Start a process for `run`."""
     (folder / "toy.py").write_text(TOY)
     return subprocess.Popen(
-        [sys.executable, "-c", HEAD + code],
-        cwd=folder,
+        [sys.executable, "-c", HEAD + code], cwd=folder,
         env={**os.environ, "PYTHONPATH": str(ROOT), "NUMBA_CACHE_DIR": str(folder / "compiled")},
-        stdout=subprocess.PIPE,
-        stderr=stderr,
-        text=True,
-    )
+        stdout=subprocess.PIPE, stderr=stderr, text=True,
+    )  # fmt: skip
 
 
 def test_machine_code_is_made_for_what_python_calls_alone(tmp_path):
@@ -294,11 +291,17 @@ def test_a_part_is_compiled_without_being_run(tmp_path):
 
 
 def test_a_kernel_that_calls_one_below_it_follows_an_edit_of_what_that_imports(tmp_path):
-    """Of a kernel, or of a constant that it freezes: a shield may not go on with an old copy."""
+    """Of a kernel, or of a constant that it freezes: a shield may not go on with an old copy.
+
+    Neither may it where a process was killed while it stored the new one.
+    """
     (tmp_path / "late.py").write_text(LATE)
+    killed = "import numba.core.caching as caching\nfrom late import first\n"
+    killed += "caching.IndexDataCacheFile._save_data = lambda *_: os._exit(9)\nfirst(3.0)"
     # Of other lengths each: Python's own cache tells seconds and size.
     for scale, body, result in ((2.0, "x", 6.0), (15.0, "x", 45.0), (15.0, "x + 1.0", 60.0)):
         (tmp_path / "early.py").write_text(EARLY.format(scale, body))
+        assert run(tmp_path, f"import os\n{killed}").returncode == 9
         ran = run(tmp_path, "from late import first\nprint(first(3.0))")
         assert ran.stdout.split() == [str(result)], ran.stderr
 

@@ -109,9 +109,8 @@ class _Library(JITCodeLibrary):
         if kind != "part":
             return super()._unserialize(codegen, state)
         self = codegen.create_library(name)
-        self._final_module = llvm.parse_bitcode(data)
+        self._final_module = self._shared_module = llvm.parse_bitcode(data)
         self._merged = True
-        self._shared_module = self._final_module
         return self
 
 
@@ -174,7 +173,15 @@ class Part(CPUDispatcher):
             except (AttributeError, ImportError, EOFError, pickle.UnpicklingError):
                 return {}
 
-        cache._load_index = load_index
+        save, read = cache.save, cache.load
+
+        def load_stamped(key: Any) -> Any:
+            # The index is written before the file that it names, which may be an older kernel's.
+            found = read(key) or [""]
+            return pickle.loads(found[1]) if found[0] == f"{digest} {key}" else None
+
+        cache._load_index, cache.load = load_index, load_stamped
+        cache.save = lambda key, data: save(key, (f"{digest} {key}", cache._dump(data)))
         cache._index_name = f"{self.prefix}{cache._index_name}"
         cache._index_path = str(Path(cache._cache_path) / cache._index_name)
         cache._data_name_pattern = f"{self.prefix}{cache._data_name_pattern}"
