@@ -1,10 +1,12 @@
 """`wheelchair train`, `export`, `inspect` and `dataset`: runs, their weights, and data sets."""
 
 import argparse
+import os
 import re
 import shlex
 import subprocess
 import sys
+import threading
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,9 +14,11 @@ from typing import Any, NamedTuple
 from agents import is_interrupt
 from agents.cli.arguments import changed, env_of, report, scene_of, spec
 from agents.cli.options import parse_int
+from agents.evaluation.runs import end_with
 from wheelchair_gym.base.settings import InputError, dump, read_json
 
 # What needs torch is imported late: export does not.
+_PARENT = "WHEELCHAIR_TRAIN_PARENT"  # in a run's environment: the process that it ends with
 
 
 class Case(NamedTuple):
@@ -134,6 +138,8 @@ def _last_row(imitates: bool, folder: Path) -> dict[str, Any]:
 def _train(given: argparse.Namespace, case: Case) -> dict[str, Any]:
     from tqdm import tqdm
 
+    if parent := os.environ.get(_PARENT):
+        threading.Thread(target=end_with, args=(int(parent),), daemon=True).start()
     if given.algorithm == "bc":
         from agents.learning.demonstrations import imitate
 
@@ -206,6 +212,7 @@ def _in_processes(given: argparse.Namespace, cases: list[Case]) -> int:
     """Each run in a separate process, `--jobs` at a time, with a log file; the exit code."""
     waiting, running = list(cases), dict[str, subprocess.Popen[bytes]]()
     codes: dict[str, int] = {}
+    env = os.environ | {_PARENT: str(os.getpid())}
     try:
         while waiting or running:
             while waiting and len(running) < given.jobs:
@@ -220,7 +227,7 @@ def _in_processes(given: argparse.Namespace, cases: list[Case]) -> int:
                 for change in [*case.changes, *one_thread]:
                     command += ["--set", change]
                 with (case.folder / "log.txt").open("ab") as log:  # the process keeps it open
-                    running[case.name] = subprocess.Popen(command, stdout=log, stderr=log)
+                    running[case.name] = subprocess.Popen(command, stdout=log, stderr=log, env=env)
                 print(f"{case.name}: {case.folder / 'log.txt'}", file=sys.stderr)
             for name, process in list(running.items()):
                 try:

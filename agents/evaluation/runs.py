@@ -5,6 +5,7 @@ number of workers. A store is a file with one line of JSON for each run, written
 the runs end.
 """
 
+import errno
 import hashlib
 import json
 import os
@@ -136,8 +137,17 @@ def open_store(path: Path) -> Any:
     if store.tell():
         store.seek(-1, os.SEEK_END)
         if store.read(1) != b"\n":  # a line cut short: what follows begins a new one
-            store.write(b"\n")
+            _append(store, b"\n")
     return store
+
+
+def _append(store: Any, line: bytes) -> None:
+    try:
+        if store.write(line) < len(line):  # the disk has become full
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    except OSError as error:
+        store.close()
+        raise write_error(Path(store.name), error) from None
 
 
 def compute(
@@ -192,7 +202,7 @@ def compute(
                     maxinterval=pause, disable=not progress,
                 ):  # fmt: skip
                     done[key] = record
-                    lines.write(stored_line(key, record).encode())
+                    _append(lines, stored_line(key, record).encode())
         except LostError as error:
             raise ConnectionError(
                 f"workers were lost {LOSSES} times in a row ({error}); "
@@ -230,11 +240,11 @@ class LostError(Exception):
 
 def _start_worker() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides when to stop
-    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
+    threading.Thread(target=end_with, args=(os.getppid(),), daemon=True).start()
 
 
-def _end_with(parent: int) -> None:
-    """End this worker with its parent, which cannot end it when it is killed."""
+def end_with(parent: int) -> None:
+    """End this process with its parent, which cannot end it when it is killed."""
     while os.getppid() == parent:
         time.sleep(1.0)
     os._exit(1)

@@ -1,6 +1,7 @@
 """Runs: the same for all workers, after losses and interruptions, and never made twice."""
 
 import os
+import resource
 import subprocess
 import sys
 from pathlib import Path
@@ -161,3 +162,11 @@ def test_bad_workers_and_stores_are_refused(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be written"):
         compute(JOBS, work.draw, tmp_path / "file" / "s", progress=False)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    for room in (40, 39):  # bytes: less than a line, and none
+        resource.setrlimit(resource.RLIMIT_FSIZE, (room, limits[1]))
+        try:
+            with pytest.raises(InputError, match="full: cannot be written"):
+                compute(JOBS, work.draw, tmp_path / "full", progress=False)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, limits)

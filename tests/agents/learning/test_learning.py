@@ -4,6 +4,7 @@ import csv
 import dataclasses
 import inspect
 import json
+import os
 import re
 from collections import Counter
 from importlib.util import find_spec
@@ -27,7 +28,7 @@ from agents.learning.sb3 import SaveModel
 from agents.learning.settings import RECIPES, Imitation
 from agents.learning.weights import Layout, Network, load_weights
 from tests.agents.learning.tiny_runs import ENV, ON, PRIVY, tiny
-from tests.conftest import ROOT, put
+from tests.conftest import ROOT, put, until
 from wheelchair_gym.base.settings import InputError, dump
 from wheelchair_gym.envs import NavigationVectorEnv
 from wheelchair_gym.envs.settings import env_settings
@@ -339,13 +340,20 @@ def test_values_that_vary_are_taken_as_they_were_typed():
 
 @pytest.mark.parametrize(("ended", "code"), [((2, 0), 2), ((-9, 0), 137)])
 def test_runs_beside_each_other_are_of_a_module_that_runs(tmp_path, monkeypatch, ended, code):
-    """One that fails, or is killed, is no success."""
+    """One that fails, or is killed, is no success. Each ends with the process that began it."""
     started = MagicMock()
     started.return_value.wait.side_effect = ended
     monkeypatch.setattr("subprocess.Popen", started)
     assert main(["train", "bc", "--seeds", "0,1", "--jobs", "2", "--out", str(tmp_path)]) == code
     for call in started.call_args_list:
         assert find_spec(f"{call.args[0][2]}.__main__")
+    name, ends = "WHEELCHAIR_TRAIN_PARENT", MagicMock()
+    monkeypatch.setenv(name, call.kwargs["env"][name])  # as in these runs
+    monkeypatch.setattr("agents.cli.train.end_with", ends)
+    monkeypatch.setattr("agents.learning.demonstrations.imitate", lambda *_, **__: {})
+    main(["train", "bc", "--out", str(tmp_path)])
+    assert until(lambda: ends.called)
+    ends.assert_called_with(os.getpid())
 
 
 def test_runs_that_differ_in_a_setting_are_told_side_by_side(tmp_path, capsys):
