@@ -237,16 +237,20 @@ class PlanSession(PageSession):
         self._problem: Problem | None = None
         self._plans: dict[str, Plan] = {}
         self._seed = 0
-        self._cancelled = threading.Event()
+        self._cancels = 0
         outbox.send("planners", names=sorted(PLANNERS.built_in), first=FIRST, shapes=SHAPES)
         self._show("", [1.5, 4.0], [8.5, 4.0])
 
     def receive(self, message: Message) -> None:
         """See `PageSession.receive`; a cancellation does not wait for its turn."""
         if message["type"] == "cancel":
-            self._cancelled.set()
+            self._cancels += 1
         else:
-            super().receive(message)
+            super().receive(message | {"cancels": self._cancels})
+
+    def _ends(self, message: Message) -> bool:
+        """Whether the page has gone, or has cancelled since it sent a message."""
+        return self._closing.is_set() or self._cancels != message["cancels"]
 
     def _show(self, name: str, start: Any = None, goal: Any = None) -> None:
         """Send the map; with start and goal where another map begins."""
@@ -279,11 +283,10 @@ class PlanSession(PageSession):
         path = self._folder / UPLOADS / name
         if Path(name).name != name or path.is_symlink() or not path.is_file():
             raise InputError(f"load.name is {name!r}; expected the name of an uploaded file")
-        self._cancelled.clear()
         with _LOADING:
-            self._stage("read")
+            self._stage("read", message)
             grid = loaded(path, message["resolution"])
-            self._stage("outline")
+            self._stage("outline", message)
             self._take(grid, Path(name).stem)
 
     def on_scale(self, message: Message) -> None:
@@ -296,9 +299,9 @@ class PlanSession(PageSession):
         self._base = self._grid = grid
         self._show(name, *ends)
 
-    def _stage(self, name: str) -> None:
+    def _stage(self, name: str, message: Message) -> None:
         """Tell how far loading is, or end it by an `InputError` where it was cancelled."""
-        if self._cancelled.is_set() or self._closing.is_set():
+        if self._ends(message):
             raise PageError("load_cancelled")
         self._out.send("loading", stage=name)
 
@@ -315,9 +318,8 @@ class PlanSession(PageSession):
         ends = message["start"], message["goal"]
         self._problem = problem_of(self._grid, *ends, message["clearance"])
         self._plans, self._seed = {}, message["seed"]
-        self._cancelled.clear()
         for name in message["planners"]:
-            if self._closing.is_set() or self._cancelled.is_set():
+            if self._ends(message):
                 break
             self._out.send("planning", planner=name)
             self._plans[name], row = answer(name, self._problem, self._seed, message["deadline"])

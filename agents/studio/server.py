@@ -329,9 +329,10 @@ def make_session(page: str, studio: Studio, out: Outbox) -> Any:
     from agents.studio.session import CompareSession, DriveSession
 
     places = studio.places
-    # Worlds of the twin are the same as those without it.
-    simulated = {key: place for key, place in places.items() if not place.twin}
-    out.send("choices", **choices(places if page == "drive" else simulated))
+    shown = dict(places)  # another page may add a map meanwhile
+    if page != "drive":  # worlds of the twin are the same as those without it
+        shown = {key: place for key, place in shown.items() if not place.twin}
+    out.send("choices", **choices(shown))
     if page == "drive":
         return DriveSession(places, studio.folder, out, studio.warm_up.ready)
     if page == "plan":

@@ -167,9 +167,10 @@ def test_large_images_are_refused_before_they_are_decoded_and_loading_can_be_can
     sent = []
     session = PlanSession({}, tmp_path, SimpleNamespace(send=lambda *_, **x: sent.append(x)))
     with pytest.raises(InputError, match=r"^large.png: 100,000,000 .* at most 25,000,000: make"):
-        session.on_load({"name": "large.png", "resolution": 0.01})
+        session.on_load({"name": "large.png", "resolution": 0.01, "cancels": 0})
+    load = {"name": "Küche 1.png", "resolution": 0.05, "cancels": 0}
     for act, bounds in (
-        (lambda: session.on_load({"name": "Küche 1.png", "resolution": 0.05}), (0, 0, 15, 10)),
+        (lambda: session.on_load(load), (0, 0, 15, 10)),
         (lambda: session.on_scale({"factor": 2.0}), (0, 0, 30, 20)),
     ):
         act()
@@ -177,8 +178,17 @@ def test_large_images_are_refused_before_they_are_decoded_and_loading_can_be_can
     cancelled = lambda *_: session.receive({"type": "cancel"})  # noqa: E731
     monkeypatch.setattr("agents.studio.plan_session.loaded", cancelled)
     with pytest.raises(InputError, match="cancelled; the map is as it was"):
-        session.on_load({"name": "Küche 1.png", "resolution": 0.05})
+        session.on_load(load)
     assert session._grid.bounds == pytest.approx(bounds)
+    monkeypatch.setattr(session, "_waiting", SimpleNamespace(put_nowait=sent.append))
+    ends = {"start": [1.5, 4.0], "goal": [8.5, 4.0], "clearance": 0.3}
+    session.receive({"type": "plan", "planners": ["a_star"], "seed": 0, "deadline": 1.0, **ends})
+    asked = sent.pop()
+    cancelled()
+    sent.clear()
+    session.on_plan(asked)  # which waited for its turn
+    assert sent == [{}]  # planned, and nothing before it
+    monkeypatch.undo()
     session.close()
 
 

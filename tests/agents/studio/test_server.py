@@ -6,17 +6,20 @@ import json
 import socket
 import time
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from agents.studio import session
+from agents.studio.catalogue import Place
 from agents.studio.drive import film
 from agents.studio.messages import read_message
 from agents.studio.plan_session import PlanSession
-from agents.studio.server import listening_socket
+from agents.studio.server import listening_socket, make_session
 from agents.studio.session import CompareSession, DriveSession
+from agents.studio.warm_up import WarmUp
 from tests.agents.studio.served import START, messages, send
 from tests.conftest import PATIENCE, output_of, until
 from wheelchair_gym.base.settings import InputError
@@ -223,6 +226,17 @@ def test_a_message_has_exactly_its_fields(page, kind):
         for value in (*wrong, *lists[isinstance(good[name], list) :]):
             with pytest.raises(InputError, match=rf"{kind}\.{name}"):
                 read_message(json.dumps({**message, name: value}), fields)
+
+
+@pytest.mark.parametrize("page", ["drive", "compare"])
+def test_a_page_opens_while_another_one_adds_a_map(page, tmp_path):
+    class Adds(Place):
+        group = twin = property(lambda self: places.setdefault(str(len(places)), ()) and None)
+
+    places = {"scene:empty": Adds(*4 * ("",))}
+    studio = SimpleNamespace(places=places, folder=tmp_path, runs=tmp_path, warm_up=WarmUp())
+    make_session(page, studio, SimpleNamespace(send=Mock())).close()
+    assert len(places) > 1
 
 
 def test_a_taken_port_is_named(served):
