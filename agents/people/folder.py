@@ -14,7 +14,7 @@ import re
 import shutil
 import sys
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import IO, Any, Final
 
@@ -113,11 +113,11 @@ def delete(folder: Path, participant: int) -> int:
     files = [path for path in own.rglob("*") if not path.is_dir()]
     if not any(path.stat().st_size for path in files):
         raise InputError(f"{folder} holds nothing of participant {participant}")
-    Chain(own / STEPS).close()  # nobody writes
     exports = [folder / name for name in (DATA, WIDE, ATTEMPTS, PAGE)]
     files = [*(path for path in exports if path.exists()), *files]  # first: so it can be resumed
-    if not tombstone.exists():  # it was interrupted
-        write_json(tombstone, {"participant": participant, "at": now(), "files": len(files)})
+    with closing(Chain(own / STEPS)):  # nobody writes, nor after it: a session sees the tombstone
+        if not tombstone.exists():  # it was interrupted
+            write_json(tombstone, {"participant": participant, "at": now(), "files": len(files)})
     for path in files:
         path.unlink()
     shutil.rmtree(own)

@@ -192,13 +192,14 @@ class Session:
         self._lock = threading.RLock()  # the experimenter's remarks come from another thread
         self._chain = stored.Chain(self.folder / stored.STEPS)
         try:
+            stored.folder_of(Path(folder), participant)  # it may have been deleted meanwhile
             self.progress = Progress(protocol, participant, self._chain.read())
             if self.progress.last:
                 self._append("opened", self._opening)
                 self._cut_off()  # the program ended in mid-drive
                 self._check_rule()  # or before it stopped the session
         except BaseException:
-            self._chain.close()
+            self._chain.close(empty=not self._chain.path.stat().st_size)
             raise
 
     def close(self) -> None:
@@ -225,23 +226,23 @@ class Session:
             self.progress.take(self._chain.append(kind, **content))
 
     def save(self) -> bool:
-        """Write the end of a drive that could not be written, and return whether there was one.
+        """Write what could not be written when a drive ended; return whether there was anything.
 
         Raises:
             InputError: it still cannot be written.
         """
         with self._lock:
-            if not self._unsaved:
-                return False
-            self.progress.take(self._chain.append("ended", **self._unsaved))
-            self._unsaved = {}
-            self._check_rule()
-            return True
+            if saved := bool(self._unsaved):
+                self.progress.take(self._chain.append("ended", **self._unsaved))
+                self._unsaved = {}
+            return self._check_rule() or saved
 
-    def _check_rule(self) -> None:
-        """Stop the session where a rule says so."""
-        if self.progress.state not in OVER and (rule := self.progress.rule()):
-            self._append("stopped", {"rule": rule})
+    def _check_rule(self) -> bool:
+        """Stop the session where a rule says so, and return whether one does."""
+        if self.progress.state in OVER or not (rule := self.progress.rule()):
+            return False
+        self.progress.take(self._chain.append("stopped", rule=rule))
+        return True
 
     def _cut_off(self) -> None:
         """End a drive that has begun, and whose end nobody has recorded."""

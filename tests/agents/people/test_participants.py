@@ -15,6 +15,7 @@ from scipy import stats
 from agents.cli import main
 from agents.evaluation.statistics import effect_size
 from agents.evaluation.tables import csv_table
+from agents.people import folder
 from agents.people.folder import read_chain
 from agents.people.protocol import NASA_TLX, Condition, Group, Protocol, Questionnaire, Task
 from agents.people.report import COLUMNS, tables, tidy, write_report
@@ -138,8 +139,8 @@ def test_a_line_that_was_edited_is_named_and_refused(tmp_path, capsys, change):
         Session(tmp_path, plan, 7)
 
 
-def full_disk():
-    return patch("os.fsync", side_effect=OSError(errno.ENOSPC, "full"))
+def full_disk(*before):
+    return patch("os.fsync", side_effect=[*before, *9 * [OSError(errno.ENOSPC, "full")]])
 
 
 def test_a_full_disk_loses_nothing(tmp_path):
@@ -161,6 +162,13 @@ def test_a_full_disk_loses_nothing(tmp_path):
     session.close()
     (one,) = read_folder(tmp_path)[1]
     assert (one.state, one.attempts[0]["figures"]["time"]) == (State.FINISHED, 17.0)
+    session = Session(tmp_path / "rule", protocol(1, 1, max_contacts=1), 1)
+    session.consent()
+    session.start()
+    with full_disk(None), pytest.raises(InputError, match="cannot be written"):
+        session.end("collision", figures())  # the stop has no room
+    assert session.save()
+    assert session.progress.state == State.STOPPED
 
 
 def test_a_drive_is_repeated_as_the_protocol_says(tmp_path):
@@ -315,6 +323,23 @@ def test_everything_of_a_participant_is_deleted_and_the_number_is_not_used_again
     empty.parent.mkdir()
     empty.touch()
     assert "holds nothing of participant 3" in refusal([*words[:-1], 3, "--yes"], capsys)
+    look, write = folder.folder_of, folder.write_json
+
+    def delete_then(*where):
+        monkeypatch.setattr(folder, "folder_of", look)
+        output_of([*words[:-1], 1, "--yes"], capsys)
+        return tmp_path / "participant_0001"
+
+    def open_then(*content):
+        with pytest.raises(InputError, match="participant 1 is open in another"):
+            Session(tmp_path, plan, 1)
+        write(*content)
+
+    monkeypatch.setattr(folder, "folder_of", delete_then)  # just before the session locks it
+    monkeypatch.setattr(folder, "write_json", open_then)
+    with pytest.raises(InputError, match="participant 1 was deleted"):
+        Session(tmp_path, plan, 1)
+    assert not (tmp_path / "participant_0001").exists()
     removed = patch("agents.people.folder._lock", lambda _: empty.unlink())  # by another program
     with removed, pytest.raises(InputError, match="participant 3 is open in another"):
         Session(tmp_path, plan, 3)
