@@ -367,10 +367,7 @@ def test_each_publisher_that_leaves_is_reported():
         with link._lock:  # between two looks
             writers.clear()
             assert until(lambda: not link._readers[0].reader.get_matched_publications())
-        assert until(lambda: {*gone} == {*heard}, ROOM)
-
-
-ROOM = 5.0  # s, for a busy machine
+        assert until(lambda: {*gone} == {*heard})
 
 
 RCLPY = os.environ.get("WHEELCHAIR_RCLPY") or str(ROOT / "build" / "rclpy" / "bin" / "python")
