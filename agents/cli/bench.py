@@ -81,7 +81,6 @@ def planners(given: argparse.Namespace) -> int:
     """Make the missing runs of planners, write the results, and print tables."""
     from agents.benchmarks.entrants import PEERS, select_peers
     from agents.benchmarks.planner_benchmark import PlannerBenchmark, draw, one_core
-    from planners import PLANNERS
 
     arguments.check_picture(given.plot)
     arguments.refuse(given, ("problems", "only") if given.map else (), "expected without --map")
@@ -129,11 +128,11 @@ def warm_up(given: argparse.Namespace) -> int:
     """Compile environments, planners and followers, and say what is ready."""
     from joblib import Parallel, delayed
 
-    works: list[tuple[str, Callable[[str], None], str]] = [
+    works: list[tuple[Any, ...]] = [  # a name, a function that calls kernels, and its arguments
         *((f"environment: {name}", _drive, name) for name in ENVIRONMENTS),
         ("vector environment", _drive_many, "crowd"),
         *((f"planner {name}", _plan, name) for name in PLANNERS.built_in),
-        *((f"follower {name}", _follow, name) for name in FOLLOWERS.built_in),
+        *((f"follower {f}", warm, f"a_star+{f}", "clutter", {}) for f in FOLLOWERS.built_in),
     ]
     begun = time.monotonic()
     jobs = given.jobs or os.cpu_count()
@@ -144,9 +143,9 @@ def warm_up(given: argparse.Namespace) -> int:
     return 0
 
 
-def _compile(what: str, work: Callable[[str], None], name: str) -> str:
+def _compile(what: str, work: Callable[..., None], *given: Any) -> str:
     """Do some work that calls kernels, and return what it was."""
-    work(name)
+    work(*given)
     return what
 
 
@@ -167,10 +166,6 @@ def _drive_many(scene: str) -> None:
 
 def _plan(name: str) -> None:
     make_planner(name).plan(small_problem(), np.random.default_rng(0))
-
-
-def _follow(name: str) -> None:
-    warm(f"a_star+{name}", "clutter", {})
 
 
 def run_track(given: argparse.Namespace) -> int:

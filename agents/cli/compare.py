@@ -199,11 +199,7 @@ def tune(given: argparse.Namespace) -> int:
 
 
 def _objective(given: argparse.Namespace, what: Any, folder: Path) -> Any:
-    """Return the score of a trial's episodes.
-
-    Raises:
-        InputError: a planner was named, or an unknown metric.
-    """
+    """Return the score of a trial's episodes; refuse a planner, and an unknown metric."""
     from agents.evaluation.tuning import METRICS, Drives
     from planners import PLANNERS
 

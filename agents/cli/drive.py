@@ -187,9 +187,7 @@ def assisted(given: argparse.Namespace) -> int:
     if not isinstance(chair_settings(chair), HardwareSettings):
         raise InputError(f"--chair {given.chair}: expected hardware, whose boards read a joystick")
     policy = {"name": "assisted", "assist": arguments.spec(given.assist)}
-    helper = TimedAssistant(
-        make_policy(policy), label(arguments.spec(given.assist)), given.deadline
-    )
+    driver, name = make_policy(policy), label(policy["assist"])
     if given.map is None:
         arguments.refuse(given, ("start", "unknown", "pose"), "expected with --map")
     prompts: list[list[float]] = []
@@ -197,7 +195,8 @@ def assisted(given: argparse.Namespace) -> int:
         why = "--prompts asks for full deflections while the chair stands, without an assistant"
         arguments.refuse(given, ("assist", "speed"), why)
         prompts = schedule(0, (1.0,) * 4 if given.input == "keyboard" else (1.0, 0.5))
-        helper = TimedAssistant(Stand(), "prompts", given.deadline)
+        driver, name = Stand(), "prompts"
+    helper = TimedAssistant(driver, name, given.deadline)
     pose = "odometry" if given.map is None else given.pose
     config = complete_env_settings(given.config, pose_source=pose, rate=given.rate)
     episode = open_space()
@@ -336,11 +335,7 @@ def _timing(record: dict[str, Any]) -> str:
 
 
 def _episode(given: argparse.Namespace, footprint: Any) -> Episode:
-    """Map, start and goal; a goal without a heading gets the one with the most clearance.
-
-    Raises:
-        InputError: the map cannot be read, or start or goal are outside it or in an obstacle.
-    """
+    """Map, free start and free goal; a goal without a heading gets the one with most clearance."""
     grid, walls = _map_of(given)
     for name, place in (("--start", given.start), ("--goal", given.goal)):
         _check_free(grid, name, place, given.map)

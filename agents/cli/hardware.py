@@ -57,17 +57,14 @@ def _chair(settings: Any) -> Any:
 
 
 @contextmanager
-def _chair_errors(more: str = "") -> Iterator[None]:
-    """Turn a ValueError of the chair into a ConnectionError, for which the command exits with 1.
-
-    `more` is said after it.
-    """
+def _chair_errors() -> Iterator[None]:
+    """Turn a ValueError of the chair into a ConnectionError, for which the command exits with 1."""
     try:
         yield
     except ValueError as error:
         if isinstance(error, InputError):
             raise
-        raise ConnectionError(f"{error}{more}") from None
+        raise ConnectionError(str(error)) from None
 
 
 def check(given: argparse.Namespace) -> int:
@@ -109,11 +106,7 @@ def _save(
     senses: Any, clock: Any, board: str, wanted: dict[str, float], prefix: str = "",
     suffix: str = "",
 ) -> None:  # fmt: skip
-    """Write parameters to a board, which saves them.
-
-    Raises:
-        InputError: the board refuses one, or does not confirm that it saved them.
-    """
+    """Write parameters to a board, which has to take each and to confirm that it saved them."""
     if refused := set_parameters(senses, clock, board, wanted):
         raise InputError(f"{prefix}{'; '.join(dict.fromkeys(refused.values()))}{suffix}")
     if not save_parameters(senses, clock, board):
@@ -196,11 +189,7 @@ def monitor(given: argparse.Namespace) -> int:
 
 
 def _ask_before_reset(devices: Sequence[str]) -> None:
-    """Ask a person whether ports may be opened that reset their boards.
-
-    Raises:
-        InputError: the person refuses, or there is no terminal.
-    """
+    """Ask a person whether ports may be opened that reset their boards; without a yes, refuse."""
     named = [device for device in devices if may_reset(device)]
     if not named:
         return
@@ -246,11 +235,7 @@ def drive(given: argparse.Namespace) -> int:
 
 
 def _await_joystick(stick: Any, limits: Any, timeout: float) -> None:
-    """Wait for a joystick.
-
-    Raises:
-        InputError: none is there after the timeout [s].
-    """
+    """Wait for a joystick; an `InputError` if none is there after the timeout [s]."""
     started, logged = time.monotonic(), False
     while stick(time.monotonic(), limits) is None and stick.error:
         if time.monotonic() - started >= timeout:

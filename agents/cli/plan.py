@@ -73,8 +73,7 @@ def run(given: argparse.Namespace) -> int:
 def _name_files(given: argparse.Namespace, thesis: ThesisFile) -> None:
     """Names for the picture and the film that the thesis's settings ask for, if they have none.
 
-    Raises:
-        InputError: there is such a file, and nobody named it.
+    A file that nobody named is not overwritten.
     """
     for key, option, ending in (
         ("RenderGraphics", "picture", ".png"),

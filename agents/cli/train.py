@@ -290,11 +290,7 @@ def dataset(given: argparse.Namespace) -> int:
 
 
 def _chosen(given: argparse.Namespace) -> dict[str, Any]:
-    """The settings that take the place of those of a recording.
-
-    Raises:
-        InputError: an option or a setting is one of a drive.
-    """
+    """The settings that take the place of those of a recording; refuse those of a drive."""
     from agents.evaluation.evaluate import env_settings
     from agents.learning.dataset import CHOSEN
 
