@@ -252,8 +252,7 @@ class TemporaryObstacles:
         cells = self._grid.to_cell(to_world(hits, pose))
         explained = np.ones(len(hits), bool)
         on = ((cells >= 0) & (cells < self._grid.shape)).all(axis=1)
-        inside = cells[on]
-        explained[on] = self._far[inside[:, 0], inside[:, 1]] <= EXPLAINED + SPREADING * ranges[on]
+        explained[on] = self._far[tuple(cells[on].T)] <= EXPLAINED + SPREADING * ranges[on]
         return explained
 
     def update(

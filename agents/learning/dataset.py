@@ -89,11 +89,7 @@ def write_dataset(
 
 
 def _prepare(name: str, folder: Path) -> None:
-    """Check the name of a new data set, and make the folder, where Minari is to look for it.
-
-    Raises:
-        InputError: Minari is not installed, or the name is taken or malformed.
-    """
+    """Check Minari and the name of a new data set, and make the folder, where Minari is to look."""
     if find_spec("minari") is None or find_spec("h5py") is None:
         raise InputError("data sets need minari; pip install 'wheelchair_gym[dataset]'")
     if _NAME.fullmatch(name) is None:

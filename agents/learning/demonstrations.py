@@ -75,11 +75,7 @@ def _all_episodes(
 
 
 def _load_dataset(name: str) -> tuple[Any, EnvSettings]:
-    """A Minari data set, and the settings of its environment.
-
-    Raises:
-        InputError: Minari is not installed, or there is no such data set of this environment.
-    """
+    """A Minari data set, and the settings of its environment, which has to be this project's."""
     try:
         import minari
 

@@ -258,10 +258,9 @@ def load_weights(path: str | Path) -> Weights:
 
 
 def _unpacked(content: bytes) -> dict[str, Any]:
-    """The arrays of an npz file; its directory and headers are checked before memory is allocated.
+    """The arrays of an npz file; a ValueError if it is not complete, or beyond a limit.
 
-    Raises:
-        ValueError: it is not complete, or beyond a limit.
+    Its directory and headers are checked before memory is allocated.
     """
     arrays, maximum = {}, files.LIMITS["weights"].maximum
     with zipfile.ZipFile(io.BytesIO(content)) as packed:
@@ -269,21 +268,18 @@ def _unpacked(content: bytes) -> dict[str, Any]:
         if len(members) > MAX_ARRAYS or sum(member.file_size for member in members) > maximum:
             raise ValueError(f"more than {MAX_ARRAYS} arrays or {maximum:,} bytes unpacked")
         for member in members:
+            name = shorten(member.filename)
             data = packed.read(member)  # no more than the directory says
             stream = io.BytesIO(data)
             version = np.lib.format.read_magic(stream)
             if version != (1, 0):
-                raise ValueError(
-                    f"{shorten(member.filename)} is not an array of numpy's format 1.0"
-                )
+                raise ValueError(f"{name} is not an array of numpy's format 1.0")
             shape, by_column, kind = np.lib.format.read_array_header_1_0(stream)
             size = math.prod(shape) * kind.itemsize
             if kind not in _KINDS or by_column or min(shape, default=0) < 0:
-                raise ValueError(
-                    f"{shorten(member.filename)} holds neither float32 in C order nor bytes"
-                )
+                raise ValueError(f"{name} holds neither float32 in C order nor bytes")
             if size != len(data) - stream.tell():
-                raise ValueError(f"{shorten(member.filename)} has another size than its shape")
+                raise ValueError(f"{name} has another size than its shape")
             values = np.frombuffer(data, kind, offset=stream.tell()).reshape(shape)
             arrays[member.filename.removesuffix(".npy")] = values.copy()
     return arrays
@@ -325,11 +321,7 @@ def check_card(card: dict[str, Any]) -> None:
 
 
 def _check_arrays(weights: Weights) -> None:
-    """Refuse arrays that do not fit each other, the layout, and an action of two numbers.
-
-    Raises:
-        ValueError: a shape is wrong, or a value is not finite.
-    """
+    """Refuse arrays that are not finite, or do not fit each other, the layout or an action (2,)."""
     arrays, layout = weights.arrays, weights.layout
     width = layout.size - layout.privileged_size
     # Computed from features, which also refuses sizes that no observation has.

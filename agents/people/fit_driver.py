@@ -234,9 +234,7 @@ def _respond(
 class _HandFit:
     """The hand that predicts the stick after prompts best: delay, lags, weakness, rotation, offset.
 
-    Args:
-        sessions: with prompts.
-        device: the stick.
+    All sessions have prompts.
     """
 
     def __init__(self, sessions: list[StickSession], device: Any) -> None:

@@ -116,14 +116,9 @@ class Explorer:
     def _choice(self, search: Search, pose: Array, aim: Array, over: bool, end: float) -> Choice:
         """Choose the goal if a path to it is explored, or else the cheapest frontier.
 
-        This is made beside the loop, and changes nothing that the loop knows.
-
-        Args:
-            search: plans from a pose.
-            pose: (3,) [m, m, rad].
-            aim: place (2,) [m] of the last choice.
-            over: that one was reached, or led nowhere.
-            end: `clock` [s] at which planners end.
+        This is made beside the loop, and changes nothing that the loop knows. The search plans from
+        a pose (3,) [m, m, rad] until `clock` shows `end` [s]. The last choice was a place (2,) [m],
+        `aim`; it is over if it was reached, or led nowhere.
         """
         config, mission, answers = self.config, self._mission, list[tuple[Array, Answer]]()
         grid = with_free_footprint(search.maps[0], pose, mission.footprint)

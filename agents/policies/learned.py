@@ -133,11 +133,9 @@ class Trained:
         self.layout = Layout.of_card(card)
 
     def begin_episode(self, sensors: SensorSettings, period: float) -> float:
-        """Begin an episode on a chair with these sensors; the period of actions [s].
+        """Begin an episode on a chair with these sensors and a control period [s].
 
-        Args:
-            sensors: those of the chair.
-            period: of control [s].
+        Returns the period of actions [s].
 
         Raises:
             InputError: the network was trained with other sensors or at another rate.

@@ -313,9 +313,8 @@ class PlannedDriver:
 
     def is_plan_in_view(self) -> bool:
         """Return True if the plan leads through known space, or it is seen behind the chair."""
-        start, around = self.answer.start, self._surroundings
-        unseen = self.answer.unseen and blind_behind(around.map, start, self._mission.footprint)
-        return not unseen
+        start, grid = self.answer.start, self._surroundings.map
+        return not (self.answer.unseen and blind_behind(grid, start, self._mission.footprint))
 
     def must_look(self) -> bool:
         """Return True if the plan leads to the unseen, and the chair has not turned here yet."""

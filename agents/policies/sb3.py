@@ -178,11 +178,7 @@ def _algorithm(path: Path) -> tuple[Any, dict[str, Any] | None]:
 
 
 def _check(record: Any) -> None:
-    """Refuse a record that is not as `save_model` writes it.
-
-    Raises:
-        TypeError, KeyError, ValueError: a part is missing or wrong.
-    """
+    """Raise TypeError, KeyError or ValueError if a record is not as `save_model` writes it."""
     if not (isinstance(record["env"], dict) and isinstance(record["flat"], bool)):
         raise TypeError
     if not all(isinstance(name, str) for name in record["wrappers"]):
