@@ -370,14 +370,7 @@ def problem_of(
 
 
 def answer(name: str, problem: Problem, seed: int, deadline: float) -> tuple[Plan, dict[str, Any]]:
-    """A planner's plan, and what a person is shown of it.
-
-    Args:
-        name: of the planner.
-        problem: what is asked.
-        seed: of its random numbers.
-        deadline: [s].
-    """
+    """A planner's plan, by its name and a seed, within a deadline [s]; and what the page shows."""
     planner = make_planner(name)
     plan = checked_plan(planner, planner.plan(problem, np.random.default_rng(seed), deadline))
     row: dict[str, Any] = {
@@ -398,11 +391,7 @@ def answer(name: str, problem: Problem, seed: int, deadline: float) -> tuple[Pla
 def frames_of(name: str, problem: Problem, plan: Plan, seed: int) -> Iterator[dict[str, Any]]:
     """A planner's way to its plan: iterations, edges of the tree, members of the swarm, path.
 
-    Args:
-        name: of the planner.
-        problem: what was asked.
-        plan: its answer.
-        seed: of its random numbers.
+    Name, problem and seed are those with which the plan was made.
     """
     planner = make_planner(name)
     swarm = _swarm_of(planner)

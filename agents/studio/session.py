@@ -300,11 +300,7 @@ class CompareSession(PageSession):
             self._drive(side, message[side], policy, scene, env, message["seed"])
 
     def _results(self, name: str) -> Any:
-        """Read the results of a run folder.
-
-        Raises:
-            InputError: there is no such folder, or its file is broken.
-        """
+        """Read the results of a run folder; refuse an unknown folder, and a broken file."""
         results = read_json(entry(self._runs, name, "run"))
         try:
             itemgetter("policies", "scenes", "env")(results["provenance"]["config"])

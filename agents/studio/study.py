@@ -116,11 +116,7 @@ class StudySession(DriveSession):
         self._session = None
 
     def _of(self) -> Session:
-        """The participant's session.
-
-        Raises:
-            InputError: nobody has begun one.
-        """
+        """The participant's session; an `InputError` while nobody has begun one."""
         if self._session is None:
             raise InputError("participant: expected a number first")
         return self._session
