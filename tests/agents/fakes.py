@@ -23,7 +23,6 @@ def corridor(length=8.0, width=1.6):
 
 
 def scan(pose, walls, laser):
-    """Exact ranges of a laser at a pose."""
     x, y = to_world((laser.x, 0.0), pose)
     angles = np.linspace(-0.5, 0.5, BEAMS) * laser.fov
     ranges, _ = brute_force(x, y, pose[2], angles, walls, (), np.inf)
@@ -76,7 +75,6 @@ class PaperWorld:
         self.seen = self.reading()
 
     def step(self, policy):
-        """Drive as a policy asks for; its command."""
         command = policy.act(self.seen)
         self.drive(command.as_action(self.mission.limits))
         return command

@@ -145,7 +145,6 @@ def between(begin, end, thing, name, value, other):
 
 
 def silent_for(drive, begin, end):
-    """The laser says nothing for a while."""
     return between(begin, end, drive.hosted.twin.laser, "silent", True, False)
 
 

@@ -129,7 +129,6 @@ def measures(trace: StickTrace, steps: int, distance: float) -> dict[str, float 
 
 
 def scene_of(name: str) -> Any:
-    """The scene of a name: one of SCENES, or a course."""
     return {"name": "skill", "course": name} if name in COURSES else SCENES[name]
 
 
@@ -220,7 +219,6 @@ def run(given: argparse.Namespace) -> dict[Any, Any]:
 
 
 def hits(drives: Any) -> int:
-    """Count drives with a contact that the chair caused."""
     return sum(bool(one["contacts"]) for one in drives)
 
 
@@ -331,12 +329,10 @@ def side_by_side(drives: dict[Any, Any], given: argparse.Namespace) -> str:
 
 
 def names(text: str) -> list[str]:
-    """Names between commas."""
     return text.split(",")
 
 
 def main() -> int:
-    """Drive, and print tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--drivers", type=names, default=list(DRIVERS))
     text = f"{', '.join(SCENES)}, or courses: {', '.join(COURSES)}"

@@ -372,7 +372,6 @@ CASES: dict[str, Case] = {
 
 
 def trial(name, number):
-    """Return the figures of one trial: figure -> (measured, bound)."""
     rng = np.random.default_rng([list(CASES).index(name), number])
     pilot = Ride(rng, CHAIRS.get(name, ChairSettings()))
     act, *given = CASES[name]

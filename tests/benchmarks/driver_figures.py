@@ -207,7 +207,6 @@ def rows(n: int) -> list[tuple[str, str, str]]:
 
 
 def main() -> int:
-    """Drive, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--drives", type=int, default=100, help="of each driver in each place")
     given = parser.parse_args()

@@ -40,7 +40,6 @@ FIRST_SEED: Final = 7_000
 
 
 def found_chair(number: int) -> Fit:
-    """The fit of one log of a hidden chair."""
     log = drives.drive(hidden_chair(number)).log
     return fit([(f"chair {number}", log)], drives.CHAIR, drives.SENSORS)
 
@@ -146,7 +145,6 @@ def trained(of: str, folder: Path, found: Fit | None = None) -> str:
 
 
 def main(words: list[str]) -> None:
-    """Fit, train, drive and print."""
     folder, seeds = Path(words[0]), int(words[1]) if len(words) > 1 else 100
     of_all = {of: trained(of, folder / of) for of in ("default", "wide")}
     outcomes: dict[str, dict[Any, bool]] = {}  # by chair, scene and seed

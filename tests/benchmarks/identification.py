@@ -108,7 +108,6 @@ def score(found: Fit, hidden: dict[str, float]) -> dict[str, tuple[float, bool, 
 
 
 def main(words: list[str]) -> None:
-    """Print the scores."""
     boards = "--boards" in words
     numbers = [int(word) for word in words if word.isdigit()] or [0, CHAIRS - 1]
     scores, held = [], []
@@ -142,7 +141,6 @@ def main(words: list[str]) -> None:
 
 
 def true_settings(hidden: dict[str, float]) -> ChairSettings:
-    """Settings of a hidden chair as it is."""
     true, believed = drives.truth(hidden), drives.CHAIR
     drive = dataclasses.replace(
         believed.drive,

@@ -107,7 +107,6 @@ def planned(problem, footprint):
 
 
 def summary(rows):
-    """One line of a table."""
     found = [row for row in rows if row["status"] == "solved"]
     failed = [row for row in rows if row["status"] != "solved"]
     line = {"asked": len(rows), "found": len(found)}
@@ -129,7 +128,6 @@ def summary(rows):
 
 
 def main():
-    """Print a line for each set."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--worlds", type=int, default=100, help="of each scene")
     parser.add_argument("--sets", default="barn,barn_60,homes,doors,problems")

@@ -90,7 +90,6 @@ def summary(rows, names):
 
 
 def main():
-    """Run what is missing, and print a table for each set."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--worlds", type=int, default=30, help="of each scene")
     parser.add_argument("--sets", default="homes,barn_60,problems")

@@ -156,7 +156,6 @@ def other_rate(python: str, beams: int, seconds: float) -> float:
 
 
 def main() -> None:
-    """Print a table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     for name, kind, value in (("beams", int, 64), ("seconds", float, 2.0), ("rounds", int, 3)):
         parser.add_argument(f"--{name}", type=kind, default=value)

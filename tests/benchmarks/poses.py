@@ -55,7 +55,6 @@ def lasting(runs: list[np.ndarray], period: float = 0.1) -> float:
 
 
 def row(name: str, runs: list[np.ndarray], arrived: int) -> str:
-    """A line of figures."""
     off = np.concatenate(runs)
     far, turn = 100 * np.hypot(off[:, 0], off[:, 1]), np.degrees(np.abs(off[:, 2]))
     worst = max(100 * np.sqrt((run[:, :2] ** 2).sum(axis=1).mean()) for run in runs)
@@ -111,7 +110,6 @@ def map_floor(side: float, seed: int, particles: list[int]) -> None:
 
 
 def main() -> None:
-    """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=10, help="0 to N - 1")
     parser.add_argument("--scene", default="floor_plan")

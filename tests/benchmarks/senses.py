@@ -113,7 +113,6 @@ def mirrored(rng: np.random.Generator) -> Deceit:
 
 
 def faults() -> Iterator[Fault]:
-    """All faults that are tried."""
     yield Fault("none", plain)
     for delay in (0.05, 0.1, 0.15, 0.19, 0.25, 0.3, 0.4, 0.5, 0.75, 1.0):
         yield Fault(f"late {delay:g} s", late(delay), delay=delay)
@@ -140,8 +139,6 @@ def faults() -> Iterator[Fault]:
 
 
 class Outcome(NamedTuple):
-    """Outcome of a drive."""
-
     contact: float  # m/s: highest speed of a contact that the chair caused
     detected: float  # s after the onset, NaN: never
     reason: str
@@ -231,7 +228,6 @@ def drive_boards(fault: Fault, thing: str, speed: float, key: int, seconds: floa
 
 
 def main() -> None:
-    """Drive with all faults, and print what came of it."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=3, metavar="N")
     parser.add_argument("--only", default="", metavar="TEXT", help="faults whose name holds it")

@@ -93,7 +93,6 @@ def main() -> int:
 
 
 def summary(report: Report) -> dict[str, object]:
-    """The figures of a report."""
     blind = [event.closing for event in report.events if not event.seen]
     return {
         "attacks": report.attacks,

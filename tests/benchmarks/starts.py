@@ -37,7 +37,6 @@ def beside(grid, start, way, turn, rng):
 
 
 def main():
-    """Print a line for each offset."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--worlds", type=int, default=30, help="of each scene")
     given = parser.parse_args()

@@ -95,7 +95,6 @@ class Onlooker:
 
 
 def stop(name, number):
-    """Figures of one trial of a cause: name -> (measured, bound)."""
     cause, noticed = CAUSES[name]
     rng = np.random.default_rng([list(CAUSES).index(name), number])
     chair = ChairSettings(body=BodySettings(mass=float(rng.uniform(*MASSES))))

@@ -53,7 +53,6 @@ class Wander:
         self._until, self._turn = -1.0, 0.5
 
     def twist(self, reading: Reading, held: bool) -> Array:
-        """Return the next twist."""
         if reading.stamp < self._until:
             return np.array([0.0, self._turn])
         if held and abs(reading.twist[0]) < 0.05:
@@ -440,7 +439,6 @@ def measure_cost() -> dict[str, float]:
 
 
 def main() -> None:
-    """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--only", default="", help="rows whose name has this in it; - for none")
     given = parser.parse_args()

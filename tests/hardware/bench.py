@@ -58,7 +58,6 @@ class Bench(NativeDrive):
             self.run(0.01)
 
     def rearm(self) -> Status:
-        """A person re-arms at zero; the answer."""
         (answer,) = self.send(Rearm(EVERYTHING))
         assert isinstance(answer, Answer)
         return Status(answer.status)
@@ -69,7 +68,6 @@ class Bench(NativeDrive):
         self.run(seconds)
 
     def start(self, v=0.0, w=0.0, seconds=3.0):
-        """Re-arm, and drive until the speed is steady."""
         self.follow((0.0, 0.0), 0.1)
         assert self.rearm() == Status.DONE
         self.follow((v, w), seconds)

@@ -26,7 +26,6 @@ def build_twin():
 
 @pytest.fixture(scope="session")
 def firmware():
-    """The firmware, compiled natively."""
     from tests.hardware.native import Native
 
     return Native(build("libfirmware.so"))
@@ -43,7 +42,6 @@ def host():
 
 @pytest.fixture
 def bench(firmware):
-    """The firmware of the drive board on a bench."""
     from tests.hardware.bench import Bench
 
     return Bench(firmware)

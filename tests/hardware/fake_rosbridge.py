@@ -93,18 +93,15 @@ class FakeRosbridge:
             thread.join()
 
     def cut(self):
-        """Break every connection off, without a word."""
         for connection in list(self._told):
             connection.socket.shutdown(2)
 
     def say(self, text):
-        """Send a text or bytes to everybody."""
         for connection in list(self._told):
             connection.send(text)
 
     @property
     def still(self):
-        """Return True if the last command was to stand."""
         return not self.commands or self.commands[-1][1:] == (0.0, 0.0)
 
     def _serve(self, connection):

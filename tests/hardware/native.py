@@ -55,8 +55,6 @@ class Part:
 
 
 class NativeReceiver(Part):
-    """The boards' receiver."""
-
     NEW = "receiver_new"
 
     def feed(self, data: bytes) -> list[bytes]:
@@ -108,7 +106,6 @@ class NativeDrive(Part):
         return self.told(self.library.drive_say)
 
     def joystick(self):
-        """Return the joystick message that the host receives."""
         return self.told(self.library.drive_say_joystick)
 
     def stick(self, data: bytes) -> None:

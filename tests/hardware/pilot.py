@@ -48,7 +48,6 @@ class Pilot:
         self.bad = sum(receiver.bad for receiver in self._receivers)
 
     def ask(self, message, kind=protocol.Parameter, board="drive"):
-        """Send a message; the answer."""
         self.heard.pop(kind, None)
         self.send(message, board)
         self.twin.run(0.01)

@@ -45,7 +45,6 @@ def test_the_guard_uses_no_line_while_parameters_are_compared(hosted):
 
 
 def begun(hosted, periods=15, twist=AHEAD):
-    """The chair, driving."""
     hosted.chair.reset(None, 0)
     reading = hosted.drive_for(periods, twist)
     assert reading.halted == ""

@@ -103,8 +103,6 @@ def test_what_is_no_range_is_marked_as_rep_117_has_it():
 
 
 class Clock:
-    """Time that a test lets pass."""
-
     now = 0.0
 
     def __call__(self):

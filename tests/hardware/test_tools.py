@@ -105,7 +105,6 @@ class Helper:
         self.hosted.twin.reset(box(3.0, walls=wall, discs=(x, y, 0.04)), 0)
 
     def found(self):
-        """Return the findings that are not good, with their texts."""
         senses, clock, footprint = self.senses, self.hosted.clock, self.hosted.chair.chair.footprint
         assert senses.wait_for(
             clock, lambda: all(map(math.isfinite, senses.ages(clock.now()).values())), 3.0

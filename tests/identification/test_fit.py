@@ -93,7 +93,6 @@ def test_a_log_that_is_mirrored_gives_the_mirrored_chair(driven, found):
 
 
 def test_another_start_gives_the_same_chair(found):
-    """Another place and heading in the room, and other noise."""
     other = fit([("drive", drive(HIDDEN, room((0.6, -0.7, 1.57)), 7).log)], CHAIR, SENSORS)
     assert values(other)["friction"] is None
     spread = {one.name: (one.high - one.low) / 4.0 for one in found.findings if one.value}
@@ -130,7 +129,6 @@ def test_wheels_that_count_in_other_units_give_the_same_chair(driven, found):
 
 @pytest.fixture(scope="module")
 def held():
-    """Another drive of the chair, on a level floor, from another start."""
     level = {name: value for name, value in HIDDEN.items() if name != "slope"}
     log = drive(level, room((0.6, -0.7, 1.57)), 7).log
     return Drive("held", log, CHAIR, SENSORS)

@@ -22,7 +22,6 @@ KEYS = {
 
 
 def describe(folder, **changes):
-    """Write the description of a map."""
     keys = {key: value for key, value in (KEYS | changes).items() if value is not None}
     return put(folder / "map.yaml", "".join(f"{k}: {v}\n" for k, v in keys.items()))
 

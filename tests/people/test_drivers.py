@@ -204,7 +204,6 @@ def test_a_person_reacts_to_the_motion_that_was_given():
 
 
 def test_a_lapse_keeps_the_last_signal():
-    """Somebody whose every decision is a lapse stays at rest."""
     absent = {"name": "expert", "perception": {"lapses": 60.0}, "intention": {"period": 1.0}}
     assert not sticks(absent, steps=30)[0].any()
     assert sticks({**absent, "perception": {}}, steps=30)[0].any()

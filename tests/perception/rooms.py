@@ -35,7 +35,6 @@ def away(points):
 
 
 def mapped(seed):
-    """The room as mapped from known poses, with noise."""
     rng, made = np.random.default_rng(seed), OccupancyMap()
     for pose in tour():
         made.integrate(read_scan(LASER, ranges(pose, rng)), pose)

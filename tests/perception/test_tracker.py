@@ -27,7 +27,6 @@ POSE = np.array([-4.0, 0.0, 0.0])
 
 
 def scan(discs, step, walls=WALLS, pose=POSE, arrays=ARRAYS):
-    """Return a laser scan of walls and discs (m, 3)."""
     out = np.empty(len(arrays.cosine), np.float32)
     workspace = np.empty((WORKSPACE_ROWS, len(walls) + 8), np.float32)
     discs = np.reshape(np.asarray(discs, np.float64), (-1, 3))

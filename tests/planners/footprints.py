@@ -139,7 +139,6 @@ def drawn():
 
 
 def judged(size, rects, start, goal, footprint):
-    """The oracle's verdict."""
     corners = [[(a, b), (c, b), (c, d), (a, d)] for a, b, c, d in rects]
     solid = shapely.union_all([shapely.polygons(c) for c in corners])
     edges = np.vstack([polygon_edges(c) for c in corners])
@@ -147,7 +146,6 @@ def judged(size, rects, start, goal, footprint):
 
 
 def read():
-    """The cases of the file."""
     cases = []
     for item in json.loads(FILE.read_text())["problems"]:
         bounds = (0.0, 0.0, *item["size"])
@@ -160,7 +158,6 @@ def read():
 
 
 def main():
-    """Judge every problem and print the file."""
     problems = []
     for name, size, rects, start, goal, footprint in drawn():
         verdict = judged(size, rects, start, goal, footprint)

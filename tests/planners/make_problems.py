@@ -62,7 +62,6 @@ def rooms(rng, size=29.0, count=3, door=1.0):
 
 
 def problems():
-    """The content of the file."""
     drawn = {
         "open": (40.0, []),
         "clutter": (50.0, clutter(np.random.default_rng(4))),

@@ -34,8 +34,6 @@ CHAIR = Footprint()
 
 @dataclass(frozen=True)
 class Verdict:
-    """The oracle's answer for one problem."""
-
     feasible: bool | None  # None: the grid is too coarse to tell
     lower: float  # m: no way is shorter
     upper: float  # m: a way of this length is known

@@ -81,7 +81,6 @@ def test_iterations_replay_a_plan_made_under_a_deadline(name, clock, monkeypatch
 
 
 def test_a_planner_hands_its_deadline_on():
-    """Each planner gives its own deadline to the planners that it calls."""
     calls, asked = 0, ("plan", "solve")
     for path in sorted((ROOT / "planners").rglob("*.py")):
         for function in ast.walk(ast.parse(path.read_text())):

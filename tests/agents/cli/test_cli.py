@@ -139,8 +139,6 @@ def test_the_thesis_settings_are_a_planner_and_a_map(hall, capsys, tmp_path, nam
 
 @pytest.mark.parametrize("poses", [False, True])
 def test_a_path_through_a_wall_is_not_called_solved(hall, capsys, monkeypatch, tmp_path, poses):
-    """An independent judge checks the path of every planner before it is called solved."""
-
     class Straight:
         def plan(self, problem, rng, deadline=None):
             path = np.array([problem.start[:2], problem.goal[:2]])

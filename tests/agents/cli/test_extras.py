@@ -69,8 +69,6 @@ def test_every_package_of_an_extra_is_known_here():
 
 @pytest.fixture
 def without(monkeypatch):
-    """Takes a module away, as if it had never been installed."""
-
     def take(name):
         for one in [m for m in sys.modules if m.partition(".")[0] == name]:
             monkeypatch.delitem(sys.modules, one)

@@ -25,14 +25,12 @@ def dying(job):
 
 
 def deadly(job):
-    """Kill the process that runs it."""
     if job[0] == 3:
         os.kill(os.getpid(), signal.SIGKILL)
     return draw(job)
 
 
 def wrong(job):
-    """Fails as a programme does."""
     raise ZeroDivisionError(f"seed {job[0]}")
 
 

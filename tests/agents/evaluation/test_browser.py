@@ -73,7 +73,6 @@ def test_a_page_is_whole_and_readable(browser, pages, name, width):
 
 
 def test_a_broken_page_is_told(browser, pages):
-    """The probe sees what it is there to see."""
     page = pages / "broken" / "report.html"
     page.parent.mkdir()
     text = (pages / "study" / "report.html").read_text(encoding="utf-8")

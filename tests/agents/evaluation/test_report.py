@@ -274,7 +274,6 @@ def test_no_mark_of_a_figure_is_cut_off_and_no_curve_is_left_out(monkeypatch):
 
 
 def lead(path):
-    """The first sentence of the answer."""
     page = path.read_text(encoding="utf-8")
     first = page[page.index("class='answer'>") :].partition(">")[2]
     assert first.startswith("<p class='lead'>")

@@ -34,7 +34,6 @@ def judge(spec, seeds):
 
 
 def struck(spec, seeds):
-    """A judge whom Ctrl-C strikes at a trial."""
     if len(trials) == 3:
         raise KeyboardInterrupt
     return judge(spec, seeds)

@@ -8,7 +8,6 @@ from tests.agents.learning.tiny_runs import tiny
 
 @pytest.fixture(scope="package")
 def trained(tmp_path_factory):
-    """A finished run, and its folder."""
     run = Run(tiny("ppo"), 0, tmp_path_factory.mktemp("trained"))
     while not run.done:
         run.learn()

@@ -36,7 +36,6 @@ from wheelchair_gym.task.observations import PRIVILEGED
 
 
 def numbers(rows):
-    """A curve without the columns that tell of wall-clock time."""
     return [{k: v for k, v in row.items() if not k.endswith("_s")} for row in rows]
 
 

@@ -63,7 +63,6 @@ class Ride:
         self.begun = None
 
     def now(self):
-        """Seconds since the drive has begun."""
         return 0.0 if self.begun is None else self.hosted.clock.now() - self.begun
 
     def run(self, seconds, dies=lambda env: False):
@@ -163,7 +162,6 @@ def test_the_manual_switch_takes_the_chair_at_any_moment():
 
 
 def by_hand_after_4_s(t):
-    """The person pushes, and takes the chair with the manual switch."""
     stick = HELD if t < 0.3 or 4.0 <= t < 4.5 else PUSHED
     return dataclasses.replace(stick, manual=t >= 4.0)
 

@@ -92,7 +92,6 @@ class Prompted:
 
 
 def session(driver, seed=0, rate=RATE):
-    """A prompted session of a simulated person."""
     person = Prompted(driver, rate, seed)
     n = round((person.prompts[-1, 0] + 2.0) * rate)
     sticks = [person() for _ in range(n)]

@@ -76,8 +76,6 @@ def test_a_drive_is_that_of_the_training_environment(weights):
 
 
 def test_a_batch_is_driven_as_by_the_network_in_it(weights):
-    """As the benchmark of assisted drives does."""
-
     def poses(by_network):
         # With a stick: one of few signals may change by the rounding of what is observed.
         config = settings_of(driver="essential_tremor")

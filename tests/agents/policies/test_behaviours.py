@@ -325,7 +325,6 @@ def test_a_path_beside_an_occupied_goal_ends_where_an_estimated_pose_arrives():
 
 
 def name(row):
-    """A transition by its state, its condition or event, and the next state."""
     cause = row.condition.__name__ if row.condition else row.event.name
     return f"{row.state.name} {cause} {row.next.name}"
 

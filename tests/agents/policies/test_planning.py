@@ -22,7 +22,6 @@ PERIOD = 0.1  # s
 
 
 def arrived(planning, taken):
-    """Steps until a plan is taken."""
     for k in range(1, 1000):
         assert until(lambda: planning._made)  # beside the loop, in real time
         planning.step(at_rest=True)

@@ -195,7 +195,6 @@ def test_what_was_open_floor_once_may_be_free_again():
 
 
 def searched(grid, reopened, detour=2.0):
-    """The answer of a search in a drawn map, from left to right."""
     search = Search(
         make_planner({"name": "a_star"}), 0.4, 0.28, np.random.default_rng(0), np.zeros(3), [grid],
         drawn=Footprint(), beyond=0.5, reopened=reopened, detour=detour,

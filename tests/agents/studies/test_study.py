@@ -17,7 +17,6 @@ TABLES = [f"t1-3.{k}" for k in range(1, 14)]
 
 
 def small(name, rows=2, strata=2):
-    """The first rows of a study, in the first places."""
     whole = STUDIES[name]
     few = tuple(
         replace(row, jobs=dict(list(row.jobs.items())[:strata])) for row in whole.rows[:rows]

@@ -137,7 +137,6 @@ CHANGED = {
 
 
 def outcome(path):
-    """Return the results of a settings file: free area, and path and tree of some seeds."""
     file = thesis.read_thesis(path)
     drawn = problem_of(file, **ENDS)
     plans = [

@@ -7,6 +7,5 @@ from tests.agents.studio.served import serving
 
 @pytest.fixture(scope="module")
 def served(tmp_path_factory):
-    """A studio that is served, without a browser."""
     with serving(tmp_path_factory.mktemp("studio")) as one:
         yield one

@@ -36,7 +36,6 @@ class Served:
         self.url = f"http://{self.host}/?token={studio.access.token}"
 
     def socket(self, page="drive", **headers):
-        """A page's WebSocket, without a browser."""
         from websockets.sync.client import connect
 
         origin = headers.pop("origin", f"http://{self.host}")
@@ -149,5 +148,4 @@ def messages(socket, *kinds, patience=PATIENCE):
 
 
 def send(socket, kind, **content):
-    """Send a message of a type."""
     socket.send(json.dumps({"type": kind, **content}))

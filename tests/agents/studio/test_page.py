@@ -27,7 +27,6 @@ WAITS = "studio.running && studio.now?.waits"
 
 @pytest.fixture(scope="module")
 def opened(tmp_path_factory):
-    """The studio, and its page in a browser."""
     with (
         serving(tmp_path_factory.mktemp("page"), goal=2.5) as served,
         browsing() as browser,
@@ -363,7 +362,6 @@ def test_a_lost_connection_is_told(page):
 
 
 def tab(page, name):
-    """Turn to a page."""
     ready = {"plan": "studio.kinds.length && studio.world", "compare": "studio.sources"}
     page.click(f"[data-page={name}]")
     until(page, f"document.querySelector('[data-page={name}][aria-current]')")

@@ -123,7 +123,6 @@ def test_what_grew_ends_with_the_plan(name):
 
 
 def post(served, name, content, **headers):
-    """The status of an upload."""
     headers = {"Origin": f"http://{served.host}"} | headers
     path = f"/maps/{name}?token={served.studio.access.token}"
     try:

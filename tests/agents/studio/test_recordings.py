@@ -103,8 +103,6 @@ def test_what_changes_in_mid_drive_is_known_and_not_fitted(tmp_path, capsys):
 
 
 class Unfit:
-    """An assistant that fits no chair."""
-
     def reset(self, mission):
         raise InputError("it fits no chair")
 
@@ -161,7 +159,6 @@ def test_the_twin_is_offered_where_nobody_moves():
 
 @pytest.fixture(scope="module")
 def circles(tmp_path_factory):
-    """A drive of 12 s."""
     return driven(tmp_path_factory.mktemp("circles"), 12.0, curve=circling, place="scene:empty")
 
 
@@ -179,14 +176,12 @@ def test_a_recording_that_was_cut_off_is_judged_as_far_as_it_goes(
 
 @pytest.fixture(scope="module")
 def served(served):
-    """A studio beside a run of `compare`."""
     small = Suite("small", ("straight", "a_star+window"), ("clutter",), 1, video=False)
     served.results = compare(small, served.studio.runs / "small", progress=False)
     return served
 
 
 def tracks(socket, count=2):
-    """The next tracks, by side."""
     found = [messages(socket, "track") for _ in range(count)]
     return {track["side"]: track for track in found}
 

@@ -33,7 +33,6 @@ def patient(monkeypatch):
 
 
 def get(served, path, method="GET", content=b"", **headers):
-    """Status, headers and body of an answer."""
     line = http.client.HTTPConnection("127.0.0.1", served.port, timeout=PATIENCE)
     headers = {name.replace("_", "-"): value for name, value in headers.items()}
     line.putrequest(method, path, skip_host="Host" in headers)
@@ -95,7 +94,6 @@ def test_strangers_that_make_no_request_keep_nobody_out(served, said, monkeypatc
 
 
 def is_closed(line):
-    """The server closes a connection without an answer."""
     with contextlib.suppress(ConnectionResetError):
         return line.recv(1) == b""
     return True
@@ -145,7 +143,6 @@ def test_only_files_of_the_folder_are_given(served, name):
 
 
 def cut_off(socket):
-    """The server ends the connection."""
     with pytest.raises(ConnectionClosed):
         until(lambda: socket.recv(timeout=PATIENCE) is None)
 

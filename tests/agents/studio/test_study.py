@@ -41,7 +41,6 @@ STEPS = [
 
 @pytest.fixture(scope="module")
 def opened(tmp_path_factory):
-    """A studio with an experiment, and its page in a browser."""
     folder = tmp_path_factory.mktemp("study")
     scene = pages.room_map(folder, goal=2.3)
     weak, half = {"forward": 0.6}, {"right": 0.0}
@@ -76,13 +75,11 @@ def press(page, wanted, *keys):
 
 
 def begin(page):
-    """Begin a drive, which waits for the first move."""
     press(page, "#go", "Enter")
     pages.until(page, "studio.running && studio.now?.waits")
 
 
 def enter(page, number):
-    """Load the page anew, and enter a number."""
     page.evaluate("sessionStorage.clear()")
     page.reload()
     pages.until(page, "window.studio?.ready && studio.protocol")
@@ -91,7 +88,6 @@ def enter(page, number):
 
 
 def drive(page):
-    """Begin a drive and hold a key until it has ended."""
     page.evaluate("studio.now = studio.result = null")
     begin(page)
     page.keyboard.down("ArrowUp")
