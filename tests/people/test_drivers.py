@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.conftest import steps_of
+from tests.conftest import at_start, steps_of
 from wheelchair_gym.base.settings import dump
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.geometry.outline import signed_clearance, signed_gap
@@ -25,8 +25,7 @@ QUICK = {"scene": "clutter", "beams": 64}
 
 def sticks(driver, steps=60, seed=3, drive=True, **settings):
     """The signals (steps, 2) of a person whose chair drives as it asks, or stands; and the env."""
-    env = NavigationEnv(**(QUICK | settings), driver=driver, split="test")
-    env.reset(seed=seed)
+    env = at_start(NavigationEnv(**(QUICK | settings), driver=driver, split="test"), seed)
     found = []
     for _ in range(steps):
         stick = env.task.stick
@@ -149,11 +148,10 @@ def test_the_signal_that_is_chosen_costs_least(driver):
 @pytest.mark.parametrize(("driver", "seed"), [("sip_and_puff", 0), ("scanning", 5)])
 def test_few_signals_do_not_turn_a_chair_to_and_fro_for_ever(driver, seed):
     """A slow way ahead is worth more than a short turn from one good heading to another."""
-    env = NavigationEnv(
+    env = at_start(NavigationEnv(
         scene="floor_plan", driver=driver, assistant="shield", shield=True,
         config={"task": {"time_base": 60.0, "time_factor": 10.0}}, split="test"
-    )  # fmt: skip
-    env.reset(seed=seed)
+    ), seed)  # fmt: skip
     *_, (*_, info) = steps_of(env, np.zeros(2))
     assert info["is_success"]
 

@@ -10,6 +10,7 @@ import pytest
 
 from agents.policies import GymPolicy, make_policy
 from tests.agents.fakes import infos_of
+from tests.conftest import at_start
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.geometry.planar import to_world, wrap, wrap_angle
 from wheelchair_gym.maps import OccupancyGrid
@@ -90,8 +91,7 @@ def test_what_no_map_shows_leads_nobody_astray(home):
     cells = np.argwhere(home.map.traversable(0.9))
     rng = np.random.default_rng(1)
     discs = [(*home.map.to_world(cells[k]), 0.2) for k in rng.permutation(len(cells))]
-    env = navigation(pose_source="mcl")
-    env.reset(options={"episode": home})
+    env = at_start(navigation(pose_source="mcl"), None, options={"episode": home})
     path = GymPolicy(make_policy(PLANNED), env)
     path.reset()
     path.act(env.unwrapped.task.observation)
@@ -123,8 +123,7 @@ LATER = [pytest.param(seed, marks=pytest.mark.long) for seed in range(5, 20)]
 @pytest.mark.parametrize("seed", [*range(5), *LATER])
 def test_a_lost_chair_finds_itself(seed, carried):
     """Started anywhere, or carried from its start to its goal while it looks away."""
-    env = navigation(pose_source="truth")
-    env.reset(seed=seed)
+    env = at_start(navigation(pose_source="truth"), seed)
     task, episode = env.unwrapped.task, env.unwrapped.episode
     localiser = MonteCarloLocalizer(LocalizationSettings(), LASER)
     localiser.start(episode.map, episode.start if carried else None, seed)

@@ -14,6 +14,7 @@ from agents.people.assistant import AssistInput, AssistMission, find_doors, find
 from agents.people.goals import Manoeuvre
 from agents.policies import make_policy
 from tests.agents.fakes import reading
+from tests.conftest import at_start
 from tests.laws.test_policies import plain
 from tests.people.test_compiled import scan_of
 from wheelchair_gym.envs import NavigationEnv
@@ -94,8 +95,7 @@ def test_it_slows_before_a_wall(name):
 @pytest.mark.parametrize("name", ASSISTANTS)
 def test_the_goal_never_reaches_it(name):
     """Twists are those of any other goal, by a policy that knows the mission."""
-    env = NavigationEnv("clutter", driver="expert", beams=64, split="test")
-    env.reset(seed=1)
+    env = at_start(NavigationEnv("clutter", driver="expert", beams=64, split="test"), 1)
     mission, readings = env.mission, []
     for _ in range(15):
         readings.append(env.reading)
@@ -117,8 +117,7 @@ def test_nothing_but_the_bare_stick_goes_without_the_shield():
 
 def test_without_a_person_the_chair_stands():
     policy = make_policy("assisted")
-    env = NavigationEnv("clutter", beams=64, split="test")
-    env.reset(seed=0)
+    env = at_start(NavigationEnv("clutter", beams=64, split="test"))
     policy.reset(env.mission)
     assert not policy.act(env.reading).twist.any()
 

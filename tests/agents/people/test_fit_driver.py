@@ -11,7 +11,7 @@ from agents.evaluation.evaluate import drive_episode
 from agents.people.fit_driver import fit_driver
 from agents.people.recorded_stick import StickSession, open_loop, prompt_text, schedule, session_of
 from agents.policies import make_policy
-from tests.conftest import json_of, output_of, refusal
+from tests.conftest import at_start, json_of, output_of, refusal
 from wheelchair_gym import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.people.drivers import make_driver
@@ -158,8 +158,7 @@ def drives(tmp_path_factory):
     person = Prompted(PEOPLE["trembling and weak"])
     env = NavigationEnv("empty", rate=RATE, person=person, split="test")
     env.labels = {"interface": "board", "prompts": person.prompts.tolist(), "share": 1.0}
-    env = RecordEpisodes(env, folder / "session.mcap")
-    env.reset(seed=0)
+    env = at_start(RecordEpisodes(env, folder / "session.mcap"))
     for _ in range(round((person.prompts[-1, 0] + 2.0) * RATE)):
         if env.step(np.zeros(2))[3]:
             break

@@ -15,7 +15,7 @@ from agents.policies.planning import SWITCH, Planning, Thinking
 from planners import make_planner
 from tests.agents.fakes import PaperWorld, corridor
 from tests.agents.policies.test_behaviours import begun
-from tests.conftest import PATIENCE, long_but, until
+from tests.conftest import PATIENCE, at_start, long_but, until
 from wheelchair_gym.geometry.planar import to_world
 
 PERIOD = 0.1  # s
@@ -142,8 +142,7 @@ def test_a_plan_that_no_longer_fits_is_discarded_and_the_chair_stands_until_the_
 
 
 def test_it_plans_for_the_outline_of_the_chair():
-    env = make_env("empty", {"config": {"chair": {"footprint": {"half_width": 0.33}}}})
-    env.reset(seed=0)
+    env = at_start(make_env("empty", {"config": {"chair": {"footprint": {"half_width": 0.33}}}}))
     policy = make_policy("lattice+window")
     policy.reset(env.unwrapped.mission)
     assert policy._planner.footprint.half_width == 0.33

@@ -16,7 +16,7 @@ from agents.policies.scripted import Manual
 from agents.policies.search import Search
 from planners import make_planner
 from tests.agents.fakes import PaperWorld, infos_of
-from tests.conftest import long_but, output_of
+from tests.conftest import at_start, long_but, output_of
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.geometry.outline import Footprint
@@ -98,8 +98,7 @@ def test_exploring_leaves_a_room_whose_door_is_seen_edge_on():
 
 def test_a_false_map_is_called_false():
     """The measure can fail: the outlines of the truth, turned by 3 degrees or moved."""
-    env = unknown()
-    env.reset(seed=5)
+    env = at_start(unknown(), 5)
     episode, told = env.unwrapped.episode, env.unwrapped.episode.map
     cells = np.where(told.solid(), UNKNOWN, FREE).astype(np.int8)
     cells[told.solid() & ndimage.binary_dilation(~told.solid())] = OCCUPIED
@@ -285,8 +284,7 @@ def test_what_cannot_be_done_in_an_unknown_world_is_refused():
 def test_a_person_drives_with_keys(monkeypatch):
     import pygame
 
-    env, held = NavigationEnv("empty", split="test"), set()
-    env.reset(seed=0)
+    env, held = at_start(NavigationEnv("empty", split="test")), set()
     mission, reading = env.mission, env.reading
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     pygame.display.init()
