@@ -17,17 +17,8 @@ import numpy as np
 from tests.benchmarks.bounds import measure
 from tests.hardware.pilot import Pilot
 from wheelchair_gym.geometry.kinematics import DriveGeometry
-from wheelchair_gym.hardware.boards.protocol import (
-    Answer,
-    Command,
-    CommandFlag,
-    Fault,
-    Mode,
-    Rearm,
-    Save,
-    Status,
-    Switch,
-)
+from wheelchair_gym.hardware.boards import protocol
+from wheelchair_gym.hardware.boards.protocol import Fault, Mode, Status, Switch
 from wheelchair_gym.hardware.twin.lockstep import JoystickState
 from wheelchair_gym.hardware.twin.plant import Slope
 from wheelchair_gym.sim.settings import BatterySettings, BodySettings, ChairSettings, MotorSettings
@@ -61,7 +52,7 @@ class Ride(Pilot):
         """Advance time; yield the speeds of both rims [m/s] after each millisecond."""
         for k in range(round(seconds * 1000)):
             if k % 20 == 0 and self.target is not None:
-                self.send(Command(*self.target))
+                self.send(protocol.Command(*self.target))
             before = self.twin.motion
             self.twin.run(0.001)
             now = self.twin.motion
@@ -198,7 +189,7 @@ def weak_brakes(pilot, twin, rng, _v, _angle, mode):
     pilot.start(0.0, 0.0, 0.1)
     twin.faults.brake_fraction = float(rng.uniform(0.0, 0.3))
     twin.faults.slope = Slope(STEEP)
-    pilot.target = (0.0, 0.0, CommandFlag.PROTECTIVE) if mode == "parked" else None
+    pilot.target = (0.0, 0.0, protocol.CommandFlag.PROTECTIVE) if mode == "parked" else None
     start, steps, closed, changes, fault = pilot.pose, twin.steps, twin.braked, 0, None
     for _ in pilot.each(8.0):
         changes += twin.braked != closed
@@ -288,9 +279,9 @@ def store(pilot, twin, rng, _v, _angle, _mode):
     pilot.run(0.3)
     pilot.target = (0.0, 0.0)
     pilot.run(0.1)
-    refused = pilot.ask(Rearm(0xFFFF), Answer).status == Status.CAUSE_STANDS
+    refused = pilot.ask(protocol.Rearm(0xFFFF), protocol.Answer).status == Status.CAUSE_STANDS
     pilot.target = None
-    saved = pilot.ask(Save(), Answer).status == Status.DONE
+    saved = pilot.ask(protocol.Save(), protocol.Answer).status == Status.DONE
     pilot.run(1.0)
     pilot.start(0.3, 0.0, 0.5)
     good = asked and refused and saved and pilot.now.faults == 0
@@ -309,7 +300,7 @@ def edges(pilot, twin, rng, _v, _angle, mode):
         if kind == 0:
             pilot.target = (0.8, 0.0)
         elif kind == 1:
-            pilot.target = (0.0, 0.0, CommandFlag.PROTECTIVE)
+            pilot.target = (0.0, 0.0, protocol.CommandFlag.PROTECTIVE)
         elif kind == 2:
             pilot.target = (0.0, 0.0)
         elif kind == 3:

@@ -12,23 +12,9 @@ from tests.hardware.bench import Bench, ibus
 from tests.hardware.conftest import build
 from tests.hardware.native import NativeDrive
 from wheelchair_gym.geometry.kinematics import approach
+from wheelchair_gym.hardware.boards import protocol
 from wheelchair_gym.hardware.boards.parameters import DRIVE_PARAMETERS
-from wheelchair_gym.hardware.boards.protocol import (
-    Answer,
-    Command,
-    CommandFlag,
-    Fault,
-    Get,
-    Identify,
-    Identity,
-    Mode,
-    Rearm,
-    Save,
-    Set,
-    Status,
-    Switch,
-    Unknown,
-)
+from wheelchair_gym.hardware.boards.protocol import Fault, Mode, Status, Switch
 
 STEP = 0.005  # s
 
@@ -70,7 +56,7 @@ def test_nothing_moves_before_a_person_has_re_armed(bench):
     assert bench.odometry().faults == Fault.RESET
     assert bench.rearm() == Status.NOT_AT_ZERO
     bench.follow((0.0, 0.0), 0.1)
-    assert bench.send(Rearm(Fault.STALL))[0].status == Status.OTHER_FAULTS
+    assert bench.send(protocol.Rearm(Fault.STALL))[0].status == Status.OTHER_FAULTS
     assert bench.odometry().faults == Fault.RESET
     assert bench.rearm() == Status.DONE
     bench.run(0.5)
@@ -81,7 +67,7 @@ def test_nothing_moves_before_a_person_has_re_armed(bench):
 def test_without_commands_the_set_point_falls_within_205_ms_and_the_brake_follows(bench):
     bench.start(0.8)
     bench.target = None
-    bench.send(Command(0.8, 0.0))
+    bench.send(protocol.Command(0.8, 0.0))
     since, falls, rests = 0.0, None, None
     while rests is None:
         bench.run(STEP)
@@ -215,7 +201,7 @@ def test_a_protective_stop_is_exempt_from_jerk_and_keeps_the_curve(bench):
     bench.start(0.4, 0.6)
     before = bench.odometry()
     bench.target = None
-    bench.send(Command(0.0, 0.0, CommandFlag.PROTECTIVE))
+    bench.send(protocol.Command(0.0, 0.0, protocol.CommandFlag.PROTECTIVE))
     bench.run(0.1)
     now = bench.odometry()
     assert now.v == pytest.approx(0.4 - 2.2 * 0.1, abs=0.015)
@@ -239,7 +225,7 @@ def test_runs_that_come_unevenly_measure_and_drive_the_same_speeds(bench, seed):
         told = bench.odometry()
         assert (told.speed_left, told.speed_right) == pytest.approx(bench.speeds, abs=0.03)
     assert sum(bench.speeds) / 2 == pytest.approx(v, abs=0.01)
-    bench.target, way = (0.0, 0.0, CommandFlag.PROTECTIVE), sum(bench.ways) / 2
+    bench.target, way = (0.0, 0.0, protocol.CommandFlag.PROTECTIVE), sum(bench.ways) / 2
     bench.run(0.8)
     assert bench.odometry().faults == 0
     assert abs(sum(bench.ways) / 2 - way) < v * v / (2 * 1.5) + 0.04
@@ -324,7 +310,7 @@ def test_a_chair_that_rolls_while_it_is_stopped_is_told(bench):
 def test_slopes_and_hard_stops_are_no_runaways(bench, pull, v):
     """8 degrees pull by 1.36 m/s2; emergency, protective and gentle stops, a host that is lost."""
     bench.pull = pull
-    for ends in ((0.0, 0.0), (0.0, 0.0, CommandFlag.PROTECTIVE), (-v, 0.5), None):
+    for ends in ((0.0, 0.0), (0.0, 0.0, protocol.CommandFlag.PROTECTIVE), (-v, 0.5), None):
         bench.start(v, 0.2, seconds=2.5)
         bench.follow(ends, 2.5)
         assert bench.odometry().faults in (0, Fault.LINK), (ends, bench.odometry())
@@ -371,7 +357,7 @@ def test_a_lost_encoder_of_a_slow_wheel_is_found_as_soon_where_the_chair_turns_a
     assert bench.ways[0] - start < 0.16
 
 
-@pytest.mark.parametrize("target", [(0.0, 0.0, CommandFlag.PROTECTIVE), (0.0, 0.0), None])
+@pytest.mark.parametrize("target", [(0.0, 0.0, protocol.CommandFlag.PROTECTIVE), (0.0, 0.0), None])
 def test_brakes_that_slip_again_and_again_are_a_fault_and_the_motors_hold(bench, target):
     bench.start(0.0, seconds=0.2)
     bench.follow(target, 0.5)
@@ -400,7 +386,7 @@ def test_counts_per_metre_that_cannot_be_are_told(bench, factor, v):
     assert bench.odometry().faults == 0
     bench.rearm()
     bench.follow(None, 1.5)  # stopped: parameters may be changed
-    bench.send(Set(DRIVE_PARAMETERS.index("counts_per_metre"), 4346.0 * factor))
+    bench.send(protocol.Set(DRIVE_PARAMETERS.index("counts_per_metre"), 4346.0 * factor))
     bench.follow((0.0, 0.0), 0.1)
     assert bench.rearm() == Status.DONE
     bench.follow((v, 0.0), 6.0)
@@ -444,29 +430,29 @@ def test_a_pressed_side_moves_away_only_at_every_command(bench, strips):
 
 def test_parameters_keep_their_bounds_and_change_at_rest_only(bench):
     for index, name in enumerate(DRIVE_PARAMETERS):
-        (told,) = bench.send(Get(index))
+        (told,) = bench.send(protocol.Get(index))
         assert told.low <= told.value <= told.high, name
         for value in (math.nan, math.inf, -math.inf, told.low - 1.0, told.high * 1.01 + 1.0):
-            (answer,) = bench.send(Set(index, value))
+            (answer,) = bench.send(protocol.Set(index, value))
             assert (answer.status, answer.value) == (Status.OUT_OF_RANGE, told.value)
-        (answer,) = bench.send(Set(index, told.high))
+        (answer,) = bench.send(protocol.Set(index, told.high))
         assert (answer.status, answer.value) == (Status.DONE, told.high)
-        bench.send(Set(index, told.value))
-    assert bench.send(Get(len(DRIVE_PARAMETERS)))[0].status == Status.UNKNOWN
+        bench.send(protocol.Set(index, told.value))
+    assert bench.send(protocol.Get(len(DRIVE_PARAMETERS)))[0].status == Status.UNKNOWN
     bench.start(0.3)
-    assert bench.send(Set(DRIVE_PARAMETERS.index("kp"), 10.0))[0].status == Status.MOVING
-    assert bench.send(Save())[0].status == Status.MOVING
+    assert bench.send(protocol.Set(DRIVE_PARAMETERS.index("kp"), 10.0))[0].status == Status.MOVING
+    assert bench.send(protocol.Save())[0].status == Status.MOVING
 
 
 def test_what_cannot_be_understood_is_said_so(bench):
-    assert bench.send(Unknown(0x55, b"abc")) == [Answer(0x55, 1, Status.UNKNOWN)]
-    assert bench.send(Unknown(0x01, b"ab")) == [Answer(0x01, 2, Status.UNKNOWN)]
-    assert bench.send(Identify()) == [Identity(1, len(DRIVE_PARAMETERS), 0, 0)]
+    assert bench.send(protocol.Unknown(0x55, b"abc")) == [protocol.Answer(0x55, 1, Status.UNKNOWN)]
+    assert bench.send(protocol.Unknown(0x01, b"ab")) == [protocol.Answer(0x01, 2, Status.UNKNOWN)]
+    assert bench.send(protocol.Identify()) == [protocol.Identity(1, len(DRIVE_PARAMETERS), 0, 0)]
 
 
 def test_a_store_with_any_bit_wrong_is_refused(firmware):
     drive = NativeDrive(firmware)
-    drive.send(Set(DRIVE_PARAMETERS.index("kp"), 55.0))
+    drive.send(protocol.Set(DRIVE_PARAMETERS.index("kp"), 55.0))
     size = drive.library.drive_store_size(drive.pointer)
     image = ctypes.create_string_buffer(size)
     drive.library.drive_store(drive.pointer, image)
@@ -476,9 +462,9 @@ def test_a_store_with_any_bit_wrong_is_refused(firmware):
         assert not drive.library.drive_restore(drive.pointer, bytes(broken))
     for garbage in (bytes(size), b"\xff" * size, np.random.default_rng(1).bytes(size)):
         assert not drive.library.drive_restore(drive.pointer, garbage)
-    assert drive.send(Get(DRIVE_PARAMETERS.index("kp")))[0].value == 40.0
+    assert drive.send(protocol.Get(DRIVE_PARAMETERS.index("kp")))[0].value == 40.0
     assert drive.library.drive_restore(drive.pointer, image.raw)
-    assert drive.send(Get(DRIVE_PARAMETERS.index("kp")))[0].value == 55.0
+    assert drive.send(protocol.Get(DRIVE_PARAMETERS.index("kp")))[0].value == 55.0
 
 
 def test_the_joystick_goes_before_the_host_that_must_ask_for_zero_before_it_drives_again(bench):

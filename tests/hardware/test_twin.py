@@ -11,20 +11,8 @@ from tests.hardware.pilot import PERIOD, Pilot
 from tests.sim.worlds import box, drives, exact_chair, placed
 from wheelchair_gym.actors.records import NOBODY, person
 from wheelchair_gym.base.settings import InputError
-from wheelchair_gym.hardware.boards.protocol import (
-    BAUD,
-    Command,
-    Fault,
-    Get,
-    Identify,
-    Identity,
-    RangeStatus,
-    Save,
-    Set,
-    Switch,
-    Unknown,
-    encode,
-)
+from wheelchair_gym.hardware.boards import protocol
+from wheelchair_gym.hardware.boards.protocol import Fault, Identify, Identity, RangeStatus, Switch
 from wheelchair_gym.hardware.laser.hokuyo import Hokuyo
 from wheelchair_gym.hardware.twin import lockstep
 from wheelchair_gym.hardware.twin.board import FREQUENCY
@@ -134,7 +122,7 @@ def test_baud_rates_are_those_of_the_wire(pilot):
     for board in (pilot.twin.drive, pilot.twin.range):
         ubrr, double = board.read_word(0xC4), board.read_memory(0xC0) & 0x02
         assert double
-        assert FREQUENCY / (8 * (ubrr + 1)) == BAUD
+        assert FREQUENCY / (8 * (ubrr + 1)) == protocol.BAUD
     ubrr = pilot.twin.drive.read_word(0xCC)
     assert pilot.twin.drive.read_memory(0xC8) & 0x02
     assert FREQUENCY / (8 * (ubrr + 1)) == pytest.approx(lockstep.IBUS_BAUD, rel=0.022)
@@ -266,7 +254,7 @@ def test_odometry_has_a_constant_age_at_every_load_of_the_board(pilot):
     for twist in ((0.0, 0.0), (0.8, -0.3), (0.5, 1.0), (0.05, 0.9), (-0.3, -0.8), (0.0, 0.0)):
         for k in range(1000):
             if k % 97 == 0:
-                pilot.send(Command(*twist))
+                pilot.send(protocol.Command(*twist))
             count = len(pilot.odometry)
             pilot.twin.run(0.001)
             pilot.listen()
@@ -306,7 +294,8 @@ def test_figures_whose_name_begins_with_min_have_lower_bounds():
 def test_both_boards_keep_their_time_under_all_input(pilot):
     """100 random floods at 10 to 100 % of the line's rate: 200 runs a second, and true speeds."""
     rng, boards = np.random.default_rng(6), (pilot.twin.drive, pilot.twin.range)
-    words = (Get(7), Get(200), Set(3, 1e6), Identify(), Save(), Unknown(0x55, rng.bytes(48)), None)
+    words = [protocol.Get(7), protocol.Get(200), protocol.Set(3, 1e6), Identify(), protocol.Save()]
+    words += [protocol.Unknown(0x55, rng.bytes(48)), None]
     pilot.start(0.5, 0.0, 1.0)
     boards[0].call("note", b"L", 4)
     for _ in range(100):
@@ -319,7 +308,7 @@ def test_both_boards_keep_their_time_under_all_input(pilot):
         pilot.target, stamp = (rng.uniform(-0.3, 0.8), rng.uniform(-0.5, 0.5)), pilot.ranges.stamp
         boards[0].pin_changes()
         for _ in range(10):
-            data = encode(word, 0) * 100 if word else rng.bytes(900)  # or noise
+            data = protocol.encode(word, 0) * 100 if word else rng.bytes(900)  # or noise
             for board in boards:
                 board.write(data[: round(share * 890)])
             pilot.run(PERIOD)

@@ -9,26 +9,15 @@ import pytest
 import shapely
 from PIL import Image
 
-from agents.studio.plan_session import (
-    SHAPES,
-    PlanSession,
-    answer,
-    blank,
-    drawn,
-    far_ends,
-    frames_of,
-    loaded,
-    problem_of,
-    rectangles,
-    write_problem,
-)
+from agents.studio import plan_session
+from agents.studio.plan_session import PlanSession, answer, blank, drawn, loaded, problem_of
 from planners.problem_files import read_problems
 from tests.agents.studio.served import START, messages, send
 from tests.agents.studio.test_server import get
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, read_map, write_map
 
-WALL, DOOR, FURNITURE, RUB_OUT = range(len(SHAPES))
+WALL, DOOR, FURNITURE, RUB_OUT = range(len(plan_session.SHAPES))
 ENDS = [1.5, 4.0], [8.5, 4.0]
 
 
@@ -61,7 +50,8 @@ def test_rectangles_cover_what_is_solid_and_nothing_else(seed):
     rng = np.random.default_rng(seed)
     cells = np.where(rng.random((17, 23)) < 0.4, OCCUPIED, FREE).astype(np.int8)
     found = np.zeros(cells.shape, int)
-    for x0, y0, x1, y1 in np.rint(rectangles(OccupancyGrid(cells, 0.1)) / 0.1).astype(int):
+    boxes = plan_session.rectangles(OccupancyGrid(cells, 0.1)) / 0.1
+    for x0, y0, x1, y1 in np.rint(boxes).astype(int):
         found[y0:y1, x0:x1] += 1
     assert (found == (cells == OCCUPIED)).all()  # each cell once
 
@@ -72,7 +62,7 @@ def test_a_saved_problem_has_the_same_shortest_path(tmp_path):
     for grid, at in ((drawn(blank(10.0, 8.0), shapes), (0.0, 0.0)), (moved, (-2.0, 3.0))):
         ends = [[x + at[0], y + at[1]] for x, y in ENDS]
         path = tmp_path / "drawn.json"
-        write_problem(path, grid, *ends)
+        plan_session.write_problem(path, grid, *ends)
         ((problem, optimum),) = read_problems(path)
         assert optimum is None
         expected = answer("visibility", problem_of(grid, *ends, 0.0), 0, 5.0)[1]["length"]
@@ -82,7 +72,7 @@ def test_a_saved_problem_has_the_same_shortest_path(tmp_path):
         assert area == pytest.approx((grid.cells == OCCUPIED).sum() * 0.05**2 + beyond, abs=1e-6)
     turned = OccupancyGrid(grid.cells, 0.05, (0.0, 0.0, 0.3))
     with pytest.raises(InputError, match=r"turned by 0\.3"):
-        write_problem(path, turned, *ENDS)
+        plan_session.write_problem(path, turned, *ENDS)
 
 
 def test_a_saved_map_is_the_same_map(tmp_path):
@@ -113,7 +103,7 @@ def test_what_grew_ends_with_the_plan(name):
     plan, row = answer(name, problem, 3, 5.0)
     assert row["grows"]
     assert row["clearance_min"] >= 0.35
-    frames = list(frames_of(name, problem, plan, 3))
+    frames = list(plan_session.frames_of(name, problem, plan, 3))
     assert np.allclose(frames[-1]["path"], plan.path[:, :2], atol=0.006)
     assert len(frames) > 5
     made = [frame["iterations"] for frame in frames]
@@ -194,7 +184,7 @@ def test_large_images_are_refused_before_they_are_decoded_and_loading_can_be_can
 def test_far_ends_are_the_first_and_last_place_with_room():
     grid = drawn(blank(5.0, 4.0), [[FURNITURE, 0.0, 0.0, 2.0, 2.0]])
     places = grid.to_world(np.argwhere(grid.traversable(0.4)))
-    assert far_ends(grid, "x") == (places[0].tolist(), places[-1].tolist())
+    assert plan_session.far_ends(grid, "x") == (places[0].tolist(), places[-1].tolist())
 
 
 def test_a_place_is_planned_on_and_a_saved_map_is_driven_on(served, monkeypatch):
