@@ -106,7 +106,6 @@ class Score:
         self.doors_right: list[bool] = []  # a track on a leaf is not called a person
 
     def row(self) -> str:
-        """The figures, in the order of the head of the table."""
         e, nobody = np.array(self.errors).reshape(-1, 4), [math.nan]
         after = self.confirmed_after or nobody
         fast = np.quantile(e[:, 3], 0.95) if len(e) else math.nan
@@ -122,7 +121,6 @@ class Score:
         )
 
     def bins(self) -> list[tuple[str, str, int, float, float]]:
-        """Errors by speed and range."""
         e, out = np.array(self.errors).reshape(-1, 4), []
         for v0, v1 in itertools.pairwise(SPEEDS):
             for r0, r1 in itertools.pairwise(RANGES):
@@ -141,7 +139,6 @@ def watch(
     score: Score, episode: Episode, seed: int, seconds: float, *, moves: bool, period: float,
     sensors: SensorSettings, static_map: OccupancyGrid | None,
 ) -> None:  # fmt: skip
-    """Drive or park a chair in a world, and score its tracker."""
     tracker, laser = Tracker(sensors.laser), sensors.laser
     kinds = episode.actors.rows["kind"]
     log: list[tuple[Any, ...]] = []
@@ -270,7 +267,6 @@ def walkers(speed: float, crosses: bool, count: int = 1) -> Callable[[int], Epis
 
 
 def scene(name: Any) -> Callable[[int], Episode]:
-    """A scene's worlds."""
     made = make_scene(name)
     return lambda seed: made.sample(np.random.default_rng((seed, 0)))
 
@@ -334,12 +330,18 @@ def measure_rows(only: str) -> None:
         print(f"{speed:14} {far:14} {count:8d}  {place:5.3f}  {velocity:5.2f}")
 
 
-def step_response(legs: bool, rate: float) -> dict[str, float]:
-    """Delays of a tracker whose walker starts to 1.3 m/s, turns round and stops, each at once.
+def two_legs(way: float, along: Array) -> Array:
+    """Discs (2, 3): in steps of 0.7 m one swings at twice the speed while the other stands."""
+    phase = way / 0.7
+    foot, share = math.floor(phase), phase - math.floor(phase)
+    swing, stand = 0.7 * (foot - 0.5 + 2.0 * share), 0.7 * (foot + 0.5)
+    left, right = (swing, stand) if foot % 2 else (stand, swing)
+    aside = 0.1 * np.array([-along[1], along[0]])
+    return np.array([(*(left * along + aside), 0.06), (*(right * along - aside), 0.06)])
 
-    Legs: two discs of 6 cm, 20 cm apart, of which one swings at twice the speed while the other
-    stands, a step of 0.7 m each.
-    """
+
+def step_response(legs: bool, rate: float) -> dict[str, float]:
+    """Delays of a tracker whose walker starts to 1.3 m/s, turns round and stops, each at once."""
     laser = LaserSettings()
     arrays = LaserArrays.of(laser, True)
     walls = box(6.0).walls
@@ -359,17 +361,7 @@ def step_response(legs: bool, rate: float) -> dict[str, float]:
             v = 0.0 if t < 2.0 or t >= 6.0 else (1.3 if t < 4.0 else -1.3)
             way += v / rate
             centre = way * along
-            if legs:
-                phase = way / 0.7
-                foot, share = math.floor(phase), phase - math.floor(phase)
-                swing, stand = 0.7 * (foot - 0.5 + 2.0 * share), 0.7 * (foot + 0.5)
-                left, right = (swing, stand) if foot % 2 else (stand, swing)
-                aside = 0.1 * np.array([-along[1], along[0]])
-                discs = np.array(
-                    [(*(left * along + aside), 0.06), (*(right * along - aside), 0.06)]
-                )
-            else:
-                discs = np.array([(*centre, 0.25)])
+            discs = two_legs(way, along) if legs else np.array([(*centre, 0.25)])
             sense_laser(arrays, chair, walls, discs, np.uint64(seed), k, workspace, scan)
             tracks = tracker.update(scan, chair, np.zeros(2), t)
             gaps = np.hypot(*(tracks.place - centre).T)
@@ -382,17 +374,13 @@ def step_response(legs: bool, rate: float) -> dict[str, float]:
                 if not first or len(first) <= seed:
                     first.append(t - 2.0)
             estimate = math.nan if i is None else float(tracks.velocity[i] @ along)
-            values.append((t, v, estimate))
+            values.append((t, estimate))
             if i is not None and t - (2.0, 4.0, 6.0)[(t >= 4.0) + (t >= 6.0)] > 1.0:
                 speeds.append(float(np.hypot(*(tracks.velocity[i] - v * along))))
         changes = (("start", 2.0, 1.17), ("turn", 4.0, -1.04), ("stop", 6.0, -0.13))
         for name, since, level in changes:
-            then = [
-                t - since
-                for t, _, e in values
-                if t >= since
-                and (e > level if name == "start" else e < level if name == "turn" else e > level)
-            ]
+            sign = -1.0 if name == "turn" else 1.0
+            then = [t - since for t, e in values if t >= since and sign * e > sign * level]
             delays[name].append(min(then, default=math.inf))
     return {
         "confirmed_after": float(np.median(first)),

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.benchmarks.tracking import measure_log, wandered
+from tests.benchmarks.tracking import measure_log, two_legs, wandered
 from tests.copies import same_fields
 from tests.sim.worlds import box, cluttered
 from wheelchair_gym.actors.records import NOBODY, door, person
@@ -191,14 +191,7 @@ def test_a_person_who_stands_still_after_a_walk_is_kept():
 
 
 def test_two_legs_are_one_person():
-    def legs(t):
-        way = -2.5 + 1.2 * t
-        foot, share = math.floor(way / 0.7), way / 0.7 - math.floor(way / 0.7)
-        feet = 0.7 * (foot - 0.5 + 2.0 * share), 0.7 * (foot + 0.5)
-        left, right = feet if foot % 2 else feet[::-1]
-        return [(0.1, left, 0.06), (-0.1, right, 0.06)]
-
-    history = follow(legs, 4.0)
+    history = follow(lambda t: two_legs(-2.5 + 1.2 * t, np.array([0.0, 1.0])), 4.0)
     late = [tracks for k, tracks in enumerate(history) if k >= 10]
     assert {int(number) for t in late for number in t.id[t.confirmed]} == set(
         late[-1].id[late[-1].confirmed].tolist()
