@@ -39,9 +39,9 @@ def struck(spec, seeds):
     return judge(spec, seeds)
 
 
-def search(folder, judge=judge, **options):
+def search(folder, judge=judge, ranges=RANGES, **options):
     options = {"trials": 6, "folder": folder, "progress": False, **options}
-    return tune(NAME, RANGES, judge, SEEDS, OTHERS, **options)
+    return tune(NAME, ranges, judge, SEEDS, OTHERS, **options)
 
 
 @pytest.fixture(scope="module")
@@ -105,7 +105,7 @@ def test_more_trials_go_on_and_another_search_is_refused(once, tmp_path):
 
 def test_settings_that_do_not_go_together_are_no_trials(tmp_path):
     wrong = {"follower.lookahead": CategoricalDistribution((0.45, 0.6, -1.0))}
-    found = tune(NAME, wrong, judge, SEEDS, OTHERS, trials=6, folder=tmp_path, progress=False)
+    found = search(tmp_path, ranges=wrong)
     assert found["best"]["settings"] == {"follower.lookahead": 0.6}
     assert "fail" in (tmp_path / "trials.csv").read_text()
 
@@ -119,10 +119,7 @@ def test_a_range_without_the_current_value_is_refused_before_any_trial(what, val
     assert not covers(each, value)
     assert covers(each, each.choices[0] if what.count(",") else 2.0)
     with pytest.raises(InputError, match=r"lookahead: the range lacks the current value 0\.45"):
-        tune(
-            NAME, {"follower.lookahead": each}, judge, SEEDS, OTHERS, trials=2,
-            folder=tmp_path / "none", progress=False,
-        )  # fmt: skip
+        search(tmp_path / "none", ranges={"follower.lookahead": each}, trials=2)
     assert not (tmp_path / "none").exists()
 
 
