@@ -161,8 +161,7 @@ def creep(pilot, twin, rng, _v, _angle, _mode):
     angle, to = math.radians(rng.uniform(2.0, 8.0)), rng.uniform(-math.pi, math.pi)
     pilot.start(0.0, 0.0, 0.1)
     twin.faults.slope = Slope(float(angle), float(to))
-    pilot.target = (0.3, 0.0)
-    pilot.run(1.5)
+    pilot.follow((0.3, 0.0), 1.5)
     pilot.target = (0.0, 0.0)
     while pilot.now.v != 0.0 or max(abs(pilot.now.speed_left), abs(pilot.now.speed_right)) > 0.03:
         pilot.run(0.02)
@@ -277,8 +276,7 @@ def store(pilot, twin, rng, _v, _angle, _mode):
     moved = abs(twin.motion.speed)
     twin.faults.joystick = None
     pilot.run(0.3)
-    pilot.target = (0.0, 0.0)
-    pilot.run(0.1)
+    pilot.follow((0.0, 0.0), 0.1)
     refused = pilot.ask(protocol.Rearm(0xFFFF), protocol.Answer).status == Status.CAUSE_STANDS
     pilot.target = None
     saved = pilot.ask(protocol.Save(), protocol.Answer).status == Status.DONE
@@ -314,8 +312,7 @@ def edges(pilot, twin, rng, _v, _angle, mode):
             twin.faults.switches = Switch(0)
             wrong |= pilot.now.faults & ~Fault.EMERGENCY_STOP
             pilot.start(0.0, 0.0, 0.02)
-        pilot.target = pilot.target or (0.0, 0.0)
-        pilot.run(0.1)
+        pilot.follow(pilot.target or (0.0, 0.0), 0.1)
         if mode == "pushed" and pilot.now.faults & (Fault.STALL | Fault.DIRECTION):
             # Held back, a slow wheel is stuck: true, and no runaway.
             twin.faults.push_force, pilot.target = 0.0, None

@@ -36,12 +36,14 @@ class Pilot:
             self.listen()
         return self
 
+    def follow(self, target, seconds):
+        self.target = target
+        return self.run(seconds)
+
     def listen(self):
-        for board, receiver in zip(
-            (self.twin.drive, self.twin.range), self._receivers, strict=True
-        ):
-            data = board.read()
-            for frame in receiver.feed(data):
+        boards = self.twin.drive, self.twin.range
+        for board, receiver in zip(boards, self._receivers, strict=True):
+            for frame in receiver.feed(board.read()):
                 self.heard[type(frame.message)] = frame.message
                 if isinstance(frame.message, protocol.Odometry):
                     self.odometry.append(frame.message)
@@ -55,12 +57,10 @@ class Pilot:
         return self.heard[kind]
 
     def start(self, v=0.0, w=0.0, seconds=3.0):
-        self.target = (0.0, 0.0)
-        self.run(0.1)
+        self.follow((0.0, 0.0), 0.1)
         answer = self.ask(protocol.Rearm(0xFFFF), protocol.Answer)
         assert answer.status == 0, answer
-        self.target = (v, w)
-        self.run(seconds)
+        self.follow((v, w), seconds)
         assert self.now.mode == protocol.Mode.HOST, self.now
         return self
 

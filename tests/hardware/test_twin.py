@@ -40,8 +40,7 @@ def test_the_chair_drives_as_it_is_told(pilot, v, w):
     assert pilot.twin.motion.speed == pytest.approx(v, abs=0.01)
     assert pilot.twin.motion.turn == pytest.approx(w, abs=0.02)
     # No count is lost or made up, except those of the last step, under way.
-    pilot.target = (0.0, 0.0)
-    pilot.run(2.0)
+    pilot.follow((0.0, 0.0), 2.0)
     true = pilot.twin.motion.left, pilot.twin.motion.right
     assert (pilot.now.left, pilot.now.right) == tuple(math.floor(count) for count in true)
     assert (pilot.bad, pilot.now.bad, pilot.now.lost) == (0, 0, 0)
@@ -90,8 +89,7 @@ def test_a_swapped_encoder_stops_the_chair(pilot):
     """A wheel that is controlled the wrong way round would run away."""
     pilot.start(0.0, 0.0, 0.2)
     pilot.twin.faults.swapped_encoders[1] = True
-    pilot.target = (0.5, 0.0)
-    pilot.run(1.0)
+    pilot.follow((0.5, 0.0), 1.0)
     assert pilot.now.faults & Fault.DIRECTION
     pilot.run(0.5)
     assert abs(pilot.twin.motion.speed) < 1e-3
@@ -233,8 +231,8 @@ def test_the_lever_lifted_in_motion_leaves_a_chair_that_is_braked(angle, way, en
 
 def test_an_attendant_pushes_it_with_the_push_switch_held_and_hardly_without(pilot):
     pilot.start(0.0, 0.0, 0.1)
-    pilot.twin.faults.switches, pilot.target = Switch.STOP_PRESSED, None
-    pilot.run(0.1)
+    pilot.twin.faults.switches = Switch.STOP_PRESSED
+    pilot.follow(None, 0.1)
     pilot.twin.faults.switches, pilot.twin.faults.push_force = Switch.FREEWHEEL, 250.0
     pilot.run(3.0)
     assert 0.15 < pilot.twin.motion.speed < 0.25  # shorted: 1,006 N s/m, and 34 N of rolling
