@@ -438,10 +438,8 @@ def test_boards_and_laser_must_be_those_of_the_settings(host):
         (ChairSettings(drive=DriveGeometry(track=0.6)), None, "track is 0.54; expected 0.6"),
     ):
         hosted = host(sensors=sensors)
-        if sensors:
-            hosted.chair.senses.sensors = SensorSettings()  # what the settings say
-        else:
-            hosted.chair.chair = chair
+        hosted.chair.senses.sensors = SensorSettings()  # what the settings say
+        hosted.chair.chair = chair or hosted.chair.chair
         with pytest.raises(InputError, match=why):
             hosted.chair.reset(None, 0)
 
@@ -533,5 +531,4 @@ def test_all_reports_about_the_wheels_are_kept_with_their_times(hosted):
     assert table["speeds"][-1] == pytest.approx(0.4, abs=0.02)
     assert (table["command"][-1] == AHEAD).all()
     assert table["age"].max() < 0.06
-    held = chair.board_parameters["drive"]
-    assert held["counts_per_metre"] == 4346.0
+    assert chair.board_parameters["drive"]["counts_per_metre"] == 4346.0

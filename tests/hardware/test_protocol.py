@@ -60,22 +60,18 @@ def test_tables_are_those_of_the_header(firmware):
 def test_parameters_are_those_of_the_header_and_of_the_chair(firmware):
     """One chair: what the simulation drives with is what the boards hold by default."""
     tables = firmware.tables()
-    asked = {
-        "drive": parameters.drive_parameters(ChairSettings()),
-        "range": parameters.range_parameters(UltrasonicSettings()),
-    }
-    for board, names in (
-        ("drive", parameters.DRIVE_PARAMETERS),
-        ("range", parameters.RANGE_PARAMETERS),
+    for board, names, asked in (
+        ("drive", parameters.DRIVE_PARAMETERS, parameters.drive_parameters(ChairSettings())),
+        ("range", parameters.RANGE_PARAMETERS, parameters.range_parameters(UltrasonicSettings())),
     ):
         rows = tables[board][1]
         assert tuple(row[0] for row in rows) == names
         for name, *numbers, _unit in rows:
             initial, low, high = (float(number.rstrip("F")) for number in numbers[:3])
             assert low <= initial <= high
-            if name in asked[board]:
-                assert asked[board].pop(name) == pytest.approx(initial, rel=1e-6)
-        assert not asked[board]
+            if name in asked:
+                assert asked.pop(name) == pytest.approx(initial, rel=1e-6)
+        assert not asked
     order = (ctypes.c_uint8 * protocol.RANGERS).in_dll(firmware.library, "firing_order")
     ten = UltrasonicSettings(mounted=(Ultrasonic(),) * protocol.RANGERS)
     assert tuple(order) == ten.firing_order

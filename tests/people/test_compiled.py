@@ -141,14 +141,12 @@ def followed(points, v, w, margin, maximum):
 @given(st.integers(0, 10_000), deflections, deflections, st.sampled_from([0.0, 0.03, 0.2]))
 def test_poses_that_are_left_out_do_not_matter(seed, v, w, margin):
     points = np.random.default_rng(seed).uniform(-3.0, 3.0, (30, 2))
-    given_ = methods.follow_arc(
-        points, OUTLINE, v, w, methods.STEP, methods.STEPS, margin, 0.1, -math.inf
+    given_, free = (
+        methods.follow_arc(at, OUTLINE, v, w, methods.STEP, methods.STEPS, margin, 0.1, -math.inf)
+        for at in (points, np.empty((0, 2)))
     )
     assert given_ == followed(points, v, w, margin, 0.1)
-    nothing = np.empty((0, 2))
-    assert methods.follow_arc(
-        nothing, OUTLINE, v, w, methods.STEP, methods.STEPS, margin, 0.1, -math.inf
-    ) == (methods.STEPS, 0.1)
+    assert free == (methods.STEPS, 0.1)
 
 
 @settings(max_examples=60, deadline=None)

@@ -2,6 +2,7 @@
 
 import itertools
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -33,7 +34,6 @@ def bowl(positions):
 
 @kernel
 def store_and_move(swarm, moves, progress, state):
-    """Store the positions that are better than remembered ones, and move the swarm."""
     for i in range(swarm.positions.shape[0]):
         j = optimizers.competitor(swarm, i)
         if swarm.costs[i] < swarm.personal_best_costs[j]:
@@ -78,23 +78,19 @@ def test_the_compiled_loop_is_ask_and_tell(name):
 def test_inertia_follows_its_equations():
     swarm = optimizers.new_swarm(np.zeros((4, D)), -1.0, 1.0)
     flight = OPTIMIZERS.make("pso_chaotic").parameters
-    beta = 0.3
+    inertia, beta = partial(optimizers.next_inertia, swarm), 0.3
     for k in range(5):
         beta = 4.0 * beta * (1.0 - beta)
-        assert optimizers.next_inertia(swarm, flight, k / 10) == pytest.approx(
-            (0.9 - 0.6 * k / 10) * beta
-        )
+        assert inertia(flight, k / 10) == pytest.approx((0.9 - 0.6 * k / 10) * beta)
         swarm.record["move_count"] += 1
-    assert optimizers.next_inertia(swarm, OPTIMIZERS.make("pso").parameters, 0.0) == pytest.approx(
-        0.98**5
-    )
+    assert inertia(OPTIMIZERS.make("pso").parameters, 0.0) == pytest.approx(0.98**5)
     flight = OPTIMIZERS.make("pso_variable").parameters
     for p in (0.0, 0.5, 1.0):
-        assert optimizers.next_inertia(swarm, flight, p) == pytest.approx(0.9 * (0.4 / 0.9) ** p)
+        assert inertia(flight, p) == pytest.approx(0.9 * (0.4 / 0.9) ** p)
     flight = OPTIMIZERS.make("pso_adaptive").parameters
     swarm.record["previous_best_cost"], swarm.best_cost[:] = 8.0, 6.0
-    assert optimizers.next_inertia(swarm, flight, 0.2) == pytest.approx(1.3 * 0.75 - 0.9 * 0.2)
-    assert optimizers.next_inertia(swarm, flight, 0.2) == pytest.approx(1.3 - 0.9 * 0.2)
+    assert inertia(flight, 0.2) == pytest.approx(1.3 * 0.75 - 0.9 * 0.2)
+    assert inertia(flight, 0.2) == pytest.approx(1.3 - 0.9 * 0.2)
 
 
 def test_wolves_gather_between_their_leaders_once_a_is_zero():
@@ -206,10 +202,9 @@ def test_any_optimiser_of_mealpy_takes_part():
     for name in ("OriginalWOA", "OriginalGWO"):
         planner = replace(planner, optimizer={"name": "mealpy", "algorithm": name})
         assert_valid(planner.plan(problem, np.random.default_rng(0)), problem)
+    planner = replace(planner, optimizer={"name": "mealpy", "algorithm": "Ghosts"})
     with pytest.raises(InputError, match="mealpy: Ghosts"):
-        replace(planner, optimizer={"name": "mealpy", "algorithm": "Ghosts"}).plan(
-            problem, np.random.default_rng(0)
-        )
+        planner.plan(problem, np.random.default_rng(0))
 
 
 # ---- costs of paths: each objective beside its formula
