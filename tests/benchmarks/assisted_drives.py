@@ -230,7 +230,6 @@ def percent(drives: Any) -> str:
 
 
 def by_driver(drives: dict[Any, Any], driver: str, assistant: str) -> list[Any]:
-    """Return a driver's row of the table of an assistant."""
     every = [
         (drives[key], drives.get((with_expert(driver), *key[1:])))
         for key in drives
@@ -249,7 +248,6 @@ def by_driver(drives: dict[Any, Any], driver: str, assistant: str) -> list[Any]:
 
 
 def seconds_lost(drives: list[Any]) -> str:
-    """Return what each part takes of the time of successful drives [s]."""
     well = [one for one in drives if one["success"] and "lost" in one]
     lost = sum((Counter(one["lost"]) for one in well), Counter[str]())
     parts = (f"{name or 'nothing'} {value:.0f}" for name, value in lost.most_common())

@@ -104,7 +104,6 @@ def compare_boards(number: int, of: str, believed: Any, folder: Path, drives: in
 
 
 def driven(policy: str, scenes: Any, n: int, env: dict[str, Any], folder: Path) -> list[Record]:
-    """Records of a policy in n worlds of each scene."""
     seeds = range(FIRST_SEED, FIRST_SEED + n)
     return evaluate([policy], scenes, seeds, env=env, folder=folder, jobs=2, progress=False)
 

@@ -57,8 +57,6 @@ CAUSES = {
 
 @dataclass
 class Trial:
-    """Measures of a stop, from the moment of the fault on."""
-
     noticed_s: float = GIVEN_UP
     rest_s: float = GIVEN_UP
     way_m: float = 0.0

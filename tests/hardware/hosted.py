@@ -37,7 +37,6 @@ class Hosted(TwinChair):
             self.chair.rearm()
 
     def drive_for(self, periods, twist=AHEAD):
-        """The last reading of as many periods."""
         return drive_for(self.chair, twist, periods)
 
     def close(self):

@@ -86,7 +86,6 @@ class NativeDrive(Part):
         self._receiver, self._sequence = Receiver(), 0
 
     def send(self, message) -> list:
-        """Say something; what the board answers."""
         self._sequence += 1
         data, out = encode(message, self._sequence), c.create_string_buffer(4096)
         inbox = self.inbox.pointer

@@ -26,7 +26,6 @@ EPISODE = dataclasses.replace(ROOM, start=START, goal=GOAL)
 
 @contextlib.contextmanager
 def serving(folder):
-    """A twin in real time, with the files of its config and its map."""
     build_twin()
     need_pty()
     settings = env_settings(

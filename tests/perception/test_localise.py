@@ -87,7 +87,6 @@ def test_a_chair_knows_where_it_is():
 
 
 def test_what_no_map_shows_leads_nobody_astray(home):
-    """Twelve round things stand about that are on no map."""
     cells = np.argwhere(home.map.traversable(0.9))
     rng = np.random.default_rng(1)
     discs = [(*home.map.to_world(cells[k]), 0.2) for k in rng.permutation(len(cells))]

@@ -34,8 +34,6 @@ MIDWHEEL = Footprint(front=0.45, rear=0.45, half_width=0.29)  # turns about its 
 
 
 class Case(NamedTuple):
-    """A problem for a footprint, and what the oracle says of it."""
-
     problem: Problem
     footprint: Footprint
     verdict: Verdict

@@ -60,7 +60,6 @@ def limited_to(planner, iterations, first=None):
 
 
 def counts(plan):
-    """The counters of a plan that are no times."""
     return {name: count for name, count in plan.counters.items() if not name.endswith("_s")}
 
 

@@ -21,7 +21,6 @@ PUSHED = JoystickState(forward=1.0, turn=0.2, dead_man=True)
 
 
 def drive(served):
-    """The words of a command that drives what is served."""
     return "drive", "--config", str(served.config), "--deadline", "5"
 
 

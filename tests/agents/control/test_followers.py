@@ -301,7 +301,6 @@ def test_a_policy_is_slowed_as_the_shield_of_its_own_chair_would(chair, shield):
 
 
 def box(length, width):
-    """A map of a room about (0, 0), free within, with walls around."""
     rows, cols = round(width / 0.05) + 8, round(length / 0.05) + 8
     cells = np.full((rows, cols), OCCUPIED, np.int8)
     cells[4:-4, 4:-4] = FREE

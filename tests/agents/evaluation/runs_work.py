@@ -47,7 +47,6 @@ def counted(job):
 
 
 def lasting(job):
-    """Tells who runs it, and goes on for long."""
     (Path(job[1]) / str(os.getpid())).touch()
     time.sleep(600.0)
     return draw(job)

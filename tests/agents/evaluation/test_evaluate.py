@@ -65,8 +65,6 @@ def test_two_workers_find_the_same(whole, tmp_path):
 
 @settings
 class Turning:
-    """Somebody's own policy: settings that make it."""
-
     turn: float = setting(default=0.5)
 
     def make(self):

@@ -51,7 +51,6 @@ def line(start, velocity, n):
 
 
 def test_somebody_who_walks_past_beside_the_chair():
-    """At 1 m/s and 0.6 m beside a chair at rest."""
     track = line((-6.0, 0.31 + 0.25 + 0.6), (1.0, 0.0), 25)  # x = -6, -5.5, ..., 6
     figures = trace_of([track], *rest(25))
     assert figures["person_distance_min"] == pytest.approx(0.6)

@@ -73,7 +73,6 @@ def test_the_same_drive_gives_the_same_twists(name):
 
 @pytest.mark.parametrize("name", ASSISTANTS)
 def test_in_the_open_the_stick_is_the_twist_or_nearly(name):
-    """With nothing near, full autonomy is unwanted: the stick decides."""
     nothing = np.full(1081, np.inf)
     sticks = [Stick(0.7, 0.0, False)] * 12
     v, w = assisted(name, sticks, [nothing] * 12)[-1]

@@ -28,8 +28,6 @@ def room_map(folder, goal=3.3):
 
 
 class Served:
-    """A studio at a port of this machine, with its address."""
-
     def __init__(self, studio, port):
         self.studio, self.port = studio, port
         self.host = f"127.0.0.1:{port}"
@@ -48,7 +46,6 @@ class Served:
 
 @contextmanager
 def serving(folder, study=None, goal=3.3, locked=False):
-    """A studio that is served while the context lasts; its files go to a folder."""
     studio = Studio(folder / "out", room_map(folder, goal), Access(), study, locked=locked)
     bound = listening_socket("127.0.0.1", 0)
     server = make_server(studio)

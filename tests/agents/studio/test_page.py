@@ -378,7 +378,6 @@ def on_map(page, x, y):
 
 
 def planned(page):
-    """The answers of the chosen planners, by name."""
     page.click("#plan")
     until(page, "studio.answers.length && !document.getElementById('plan').disabled")
     return {row["planner"]: row for row in page.evaluate("studio.answers")}

@@ -217,7 +217,6 @@ def test_questions_are_not_cut_off(opened, width):
 
 
 def of(served, number):
-    """The progress of a participant, by the records."""
     (found,) = (one for one in read_folder(served.studio.folder)[1] if one.participant == number)
     return found
 
