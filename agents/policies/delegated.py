@@ -10,11 +10,12 @@ import signal
 import socket
 import struct
 import threading
+import time
 import traceback
 import weakref
 from collections.abc import Mapping
 from contextlib import suppress
-from multiprocessing.connection import Connection, wait
+from multiprocessing.connection import Connection
 from typing import Any, Final
 
 import numpy as np
@@ -64,6 +65,7 @@ class AssistedDriver:
 
 
 LONGEST: Final = 600.0  # s that a policy may take for one answer
+_LOOK: Final = 0.1  # s between two looks at whether its process still runs
 
 
 @settings
@@ -144,9 +146,13 @@ class IsolatedDriver:
         with self._process.lock:
             try:
                 pipe.send((call, self._name, value, [gone.pop() for _ in range(len(gone))]))
-                # Another process may hold the pipe open, so that its end would not be seen.
-                if pipe not in (ready := wait([pipe, worker.sentinel], LONGEST)):
-                    raise EOFError if ready else BlockingIOError
+                end = time.monotonic() + LONGEST
+                while not pipe.poll(_LOOK):
+                    # A process that the worker began may hold the pipe open: its end is not seen.
+                    if not worker.is_alive() and not pipe.poll():
+                        raise EOFError
+                    if time.monotonic() > end:
+                        raise BlockingIOError
                 answer = json.loads(pipe.recv_bytes())
                 policy = pipe.recv_bytes() if call == "copy" else b""
             except BaseException as error:  # an interrupt, too
@@ -176,7 +182,8 @@ class _Process:
         theirs.close()
         self.gone: list[int] = []  # drivers whose policies it may forget
         self.lock = threading.Lock()  # of a call and its answer
-        with socket.socket(fileno=os.dup(self.pipe.fileno())) as end:  # a process may be frozen
+        # A process may be frozen; Windows has no socket there.
+        with suppress(OSError), socket.socket(fileno=os.dup(self.pipe.fileno())) as end:
             for way in (socket.SO_SNDTIMEO, socket.SO_RCVTIMEO):
                 end.setsockopt(socket.SOL_SOCKET, way, struct.pack("ll", int(LONGEST), 0))
 

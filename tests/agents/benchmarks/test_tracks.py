@@ -70,8 +70,9 @@ class Ends(Peeks):
 
     def act(self, reading):
         tests = f"/proc/{os.getppid()}"
-        while not os.fork() and os.path.exists(tests):
-            time.sleep(0.1)
+        if os.fork() == 0:
+            while os.path.exists(tests):
+                time.sleep(0.1)
         os._exit(3)
 
 

@@ -159,7 +159,9 @@ def no_stick(looks=0):
     away = OSError("no joystick: plug it in")
     axis = SimpleNamespace(value=0, min=-1, max=1)
     return Mock(
-        absinfo=lambda _axis: axis, read=Mock(side_effect=chain(repeat((), looks), repeat(away)))
+        absinfo=lambda _axis: axis,
+        active_keys=list,
+        read=Mock(side_effect=chain(repeat((), looks), repeat(away))),
     )
 
 
