@@ -35,7 +35,7 @@ def free_domain():
     """Four domains in a row, by the first, that no other run on this machine uses; their lock."""
     for domain in range(20, 98, 4):  # of 101 at most
         with suppress(OSError):
-            return domain, socket.create_server(("127.0.0.1", 12_000 + domain))
+            return domain, socket.create_server(("127.0.0.1", 12_000 + domain)).detach()
 
 
 DOMAIN, LOCK = free_domain()
