@@ -68,14 +68,13 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
     (NEXT_STEP, its action is ignored) or in the same step (SAME_STEP, with `final_obs` and
     `final_info`). With DISABLED, rows that are over are to be reset, by `reset_mask`. Arrays that
     were handed out are never written again. A deep copy, or one by pickle, steps on as the original
-    does, to the bit.
+    does, to the bit. `NavigationEnv` says what the arguments mean that are not named here.
 
     Args:
         num_envs: number of chairs.
         autoreset_mode: NEXT_STEP, SAME_STEP or DISABLED.
         num_threads: that share the work; None: as many as are of use.
         render_mode: 'rgb_array': `render` gives a picture of each row; or None.
-        scene, config, split, settings: as of the single env.
 
     Raises:
         InputError: an argument or a setting is unknown or out of bounds.
