@@ -9,7 +9,7 @@ import gymnasium as gym
 
 from wheelchair_gym.base.settings import InputError
 
-__version__ = "0.3.0"
+__version__ = "0.3.1"
 __all__ = ["InputError", "__version__"]
 
 _ENTRY = "wheelchair_gym.envs.navigation:NavigationEnv"
