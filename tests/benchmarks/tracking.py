@@ -65,7 +65,7 @@ def wandered(
     episode: Episode, seed: int, periods: int, sensors: SensorSettings, period: float = 0.1,
     moves: bool = True,
 ) -> Iterator[tuple[SimulatedChair, Reading]]:  # fmt: skip
-    """Let a chair wander behind its shield, or stand; yield it with each reading."""
+    """Yield a chair and its readings while it wanders behind its shield, or stands."""
     chair = SimulatedChair(sensors=sensors, period=period)
     shield, wander = Shield(sensors=sensors, period=period), Wander(seed)
     reading = chair.reset(episode, seed)

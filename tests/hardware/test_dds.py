@@ -239,9 +239,8 @@ def test_it_stops_at_once_when_the_commanding_peer_leaves(robot, peer):
         turning(peer, writer)
         del writer
         assert until(lambda: peer.rests and len(robot.errors) > before)
-        return "the client that commanded is gone: the chair stops" in "".join(
-            robot.errors[before:]
-        )
+        said = "".join(robot.errors[before:])
+        return "the client that commanded is gone: the chair stops" in said
 
     assert until(is_said)
 

@@ -77,7 +77,7 @@ def test_a_line_that_is_not_there_is_said_so_and_tried_again(url):
 
 
 def test_an_unplugged_line_opens_again():
-    clock, ports = Clock(), []
+    clock, ports, told = Clock(), [], protocol.Identity(1, 2, 3, 4)
 
     def opener(_url):
         ports.append(FakePort())
@@ -89,12 +89,10 @@ def test_an_unplugged_line_opens_again():
     link = Link("x", clock, opener)
     assert link.send(protocol.Identify()) == 1
     assert ports[0].taken[:1] == b"\0"  # ends a frame that the board has received in part
-    ports[0].given = protocol.encode(protocol.Identity(1, 2, 3, 4), 10) + protocol.encode(
-        protocol.Identity(1, 2, 3, 4), 14
-    )
+    ports[0].given = protocol.encode(told, 10) + protocol.encode(told, 14)
     assert len(link.poll()) == 2
     assert link.statistics.missed == 3
-    ports[0].given = protocol.encode(protocol.Identity(1, 2, 3, 4), 15)[:5]
+    ports[0].given = protocol.encode(told, 15)[:5]
     link.poll()
     plugged = ports[0].plugged = False
     assert link.poll() == []
@@ -109,7 +107,7 @@ def test_an_unplugged_line_opens_again():
     clock.now += RETRY
     assert link.send(protocol.Identify()) is not None
     # The half frame from before is no part of what comes now.
-    ports[-1].given = protocol.encode(protocol.Identity(1, 2, 3, 4), 99)
+    ports[-1].given = protocol.encode(told, 99)
     assert len(link.poll()) == 1
     assert link.statistics.bad == 0
     assert link.statistics.opened == 2
@@ -224,6 +222,11 @@ def test_a_full_line_loses_one_frame_only():
     assert link.send(protocol.Identify()) is not None
     assert link.error == ""
     assert (link.statistics.unsent, link.statistics.sent) == (1, 2)
+
+
+def test_a_frame_counts_as_sent_however_late_the_computer_looks(terminal, monkeypatch):
+    monkeypatch.setattr(serial.serialutil.Timeout, "expired", lambda self: True)
+    assert Link(terminal).send(protocol.Identify()) is not None
 
 
 def test_a_port_that_takes_no_data_keeps_nobody_waiting(terminal):

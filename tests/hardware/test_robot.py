@@ -344,10 +344,8 @@ def test_a_token_is_needed_where_one_is_set():
 
 @pytest.mark.parametrize("origin", ["https://example.org", "http://localhost:9090", "null"])
 def test_web_pages_need_a_token(origin):
-    with (
-        closing(RosbridgeServer("127.0.0.1", 0, lambda *_: "")) as server,
-        pytest.raises(InvalidStatus, match="403"),
-    ):
+    server = RosbridgeServer("127.0.0.1", 0, lambda *_: "")
+    with closing(server), pytest.raises(InvalidStatus, match="403"):
         Client(server.url, origin=origin)
 
 
@@ -391,17 +389,19 @@ def ends(request, tmp_path):
 def test_our_two_ends_hear_each_other(ends):
     """Also where tickets for later TLS sessions arrive while the client sends its request."""
     heard = []
+
+    def begun(**more):
+        return Rosbridge("127.0.0.1", s.port, print, RosbridgeSettings(**{**ends[1], **more}))
+
     with closing(RosbridgeServer("127.0.0.1", 0, lambda *m: heard.append(m) or "", **ends[0])) as s:
         s.listens["/t"] = ("std_msgs/String",)
         if ends[0]:
             s._server.socket.context.num_tickets = 10
             for wrong in ({"ca_file": ""}, {"token_file": ""}):
                 with pytest.raises(InputError, match="no rosbridge answers there"):
-                    Rosbridge("127.0.0.1", s.port, print, RosbridgeSettings(**{**ends[1], **wrong}))
+                    begun(**wrong)
         for k in range(40):
-            with closing(
-                Rosbridge("127.0.0.1", s.port, print, RosbridgeSettings(**ends[1]))
-            ) as link:
+            with closing(begun()) as link:
                 link.publish("/t", {"data": k})
                 assert until(lambda k=k: len(heard) > k)
     assert [message["data"] for _, message, _ in heard] == [*range(40)]
@@ -412,11 +412,9 @@ def test_our_two_ends_hear_each_other(ends):
 def test_a_client_that_resets_its_connection_ends_no_server(monkeypatch):
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.sslsocket_class, plain = TurnsSocket, socket.create_server(("127.0.0.1", 0))
-    given = {"server_side": True, "do_handshake_on_connect": False}
-    with context.wrap_socket(plain, **given) as listener:
+    with context.wrap_socket(plain, server_side=True, do_handshake_on_connect=False) as listener:
         with socket.create_connection(listener.getsockname()) as broken:
-            reset = struct.pack("ii", 1, 0)
-            broken.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, reset)
+            broken.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
         with socket.create_connection(listener.getsockname()) as client:
             accepted, address = listener.accept()
             assert address == client.getsockname()

@@ -209,8 +209,8 @@ def _furnish_with(
 ) -> int:  # fmt: skip
     """Put walls (n, 4), or discs (n, 3), nearer than a reach into a Space; take out the others.
 
-    `near` is the least distance [m] of each thing from the outline. `held` names the thing of each
-    shape in the Space, `inside` of them before; return their number now. Shapes are made when they
+    No thing is closer to the outline than its `near` [m]. `held` names the thing of each shape in
+    the Space, `inside` of them before; return their number now. Shapes are made when they
     are first needed. The order in which Munk2D solves goes by numbers, so each thing has its own,
     from `first` on, whenever it is put in.
     """
